@@ -1,0 +1,25 @@
+"""Build description of flowbothd_bringup for colcon and pip."""
+
+from setuptools import find_packages, setup
+
+NAME = "flowbothd_bringup"
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    description="The flowbothd command line, launch files, parameters, demo and evaluation.",
+    license="Apache-2.0",
+    packages=find_packages(include=[NAME, NAME + ".*"]),
+    package_data={NAME: ["**/*.yaml", "**/*.json", "**/*.xml", "py.typed"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", ["resource/" + NAME]),
+        ("share/" + NAME, ["package.xml"]),
+    ],
+    install_requires=["setuptools"],
+    extras_require={"test": ["pytest"]},
+    entry_points={
+        "console_scripts": [
+            "flowbothd = flowbothd_bringup.cli:main",
+        ]
+    },
+)

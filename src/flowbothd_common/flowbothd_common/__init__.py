@@ -1,0 +1,1 @@
+"""Value types, transforms, errors and the ROS glue that every FlowBotHD package shares."""

@@ -1,0 +1,20 @@
+"""Build description of flowbothd_common for colcon and pip."""
+
+from setuptools import find_packages, setup
+
+NAME = "flowbothd_common"
+
+setup(
+    name=NAME,
+    version="0.1.0",
+    description="Value types, transforms, errors and ROS glue shared by the FlowBotHD packages.",
+    license="Apache-2.0",
+    packages=find_packages(include=[NAME, NAME + ".*"]),
+    package_data={NAME: ["**/*.yaml", "**/*.json", "**/*.xml", "py.typed"]},
+    data_files=[
+        ("share/ament_index/resource_index/packages", ["resource/" + NAME]),
+        ("share/" + NAME, ["package.xml"]),
+    ],
+    install_requires=["setuptools"],
+    extras_require={"test": ["pytest"]},
+)

@@ -1,0 +1,1 @@
+"""The FlowBotHD network: data, training, sampling."""

@@ -1,0 +1,1 @@
+"""From camera to object cloud: crop, robot-body filter, outlier removal, sampling."""

@@ -1,0 +1,1 @@
+"""The articulation manipulation policy, its node and the inference node."""

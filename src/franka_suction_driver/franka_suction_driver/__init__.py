@@ -1,0 +1,1 @@
+"""Motion and suction for a Franka arm with a suction cup."""

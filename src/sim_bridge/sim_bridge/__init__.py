@@ -1,0 +1,1 @@
+"""PyBullet world, depth camera, suction-cup physics and their ROS bridge."""
