@@ -1,4 +1,4 @@
-"""The errors of the project; every message says what failed, what was given, what is allowed, what to do."""
+"""The errors of the project; a message says what failed, what was given, what is allowed."""
 
 from __future__ import annotations
 

@@ -1,0 +1,1 @@
+"""What every FlowBotHD node shares: parameters, conversions, liveness, diagnostics, start-up."""

@@ -1,0 +1,36 @@
+"""Quality of service of our topics, named in one place."""
+
+from __future__ import annotations
+
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+
+
+def _profile(depth: int, *, reliable: bool = True, latched: bool = False) -> QoSProfile:
+    return QoSProfile(
+        history=HistoryPolicy.KEEP_LAST,
+        depth=depth,
+        reliability=ReliabilityPolicy.RELIABLE if reliable else ReliabilityPolicy.BEST_EFFORT,
+        durability=DurabilityPolicy.TRANSIENT_LOCAL if latched else DurabilityPolicy.VOLATILE,
+    )
+
+
+STATE = _profile(50)
+"""Joint states, suction and simulation state: reliable, short queue."""
+
+SENSOR = _profile(5, reliable=False)
+"""Subscribing to sensors of others: best effort also matches reliable publishers."""
+
+IMAGE = _profile(1)
+"""Publishing and subscribing images and clouds: newest wins."""
+
+COMMAND = _profile(10)
+"""Trajectories and suction commands."""
+
+EVENT = _profile(200)
+"""Results, predictions and policy events: none may be lost to a slow reader."""
+
+LATCHED = _profile(1, latched=True)
+"""Robot description: late joiners get the last one."""
+
+HEARTBEAT = _profile(5)
+"""Signs of life."""
