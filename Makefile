@@ -1,0 +1,47 @@
+# Every target sets up what it needs; `make help` lists them.
+SHELL := /bin/bash
+SEED ?= 0
+VENV := .venv
+BIN := $(VENV)/bin
+export AMENT_PREFIX_PATH := $(CURDIR)/$(VENV)
+PYTEST := $(BIN)/python -m pytest
+
+.PHONY: help setup demo test check format colcon lock docs clean
+
+help: ## list the targets
+	@grep -E '^[a-z]+:.*##' Makefile | sed -E 's/:.*## /\t/' | expand -t 12
+
+setup: ## make .venv with everything in it
+	@tools/setup.sh $(VENV)
+
+demo: setup ## a simulated Panda opens the ambiguous door; report in out/demo (SEED=n chooses the mode)
+	$(BIN)/flowbothd demo --seed $(SEED)
+
+test: setup ## all tests that this machine can run, colcon included
+	$(PYTEST) -m "not slow" $(ARGS)
+
+check: setup ## format, lint, types, spelling, and the tests that need no ROS
+	$(BIN)/ruff format --check src tests tools
+	$(BIN)/ruff check src tests tools
+	$(BIN)/mypy $(addprefix src/,$(foreach p,flowbothd_common flowbothd_model flowbothd_perception flowbothd_policy franka_suction_driver sim_bridge flowbothd_bringup,$(p)/$(p)))
+	$(BIN)/codespell src tests tools docs README.md ARCHITECTURE.md CONTRIBUTING.md CHANGELOG.md
+	$(PYTEST) -q -m "not ros and not e2e and not slow"
+
+format: setup ## format the code and sort its imports
+	$(BIN)/ruff format src tests tools
+	$(BIN)/ruff check --fix src tests tools
+
+colcon: setup ## build and test the Python packages with colcon, without any ROS sourced
+	cd ros2_ws && ../$(BIN)/colcon build --packages-skip flowbothd_interfaces
+	cd ros2_ws && ../$(BIN)/colcon test --packages-skip flowbothd_interfaces --pytest-args -m "not ros and not slow"
+	cd ros2_ws && ../$(BIN)/colcon test-result --verbose
+
+docs: setup ## write the generated tables of docs/interfaces.md again
+	$(BIN)/python tools/interface_tables.py
+
+lock: ## compile requirements.in into requirements.lock
+	.uv/bin/uv pip compile requirements.in --universal --python-version 3.11 --generate-hashes \
+	  --no-emit-index-url --no-emit-find-links --custom-compile-command "make lock" -o requirements.lock
+
+clean: ## remove everything that the targets made
+	rm -rf $(VENV) .uv out ros2_ws/build ros2_ws/install ros2_ws/log
