@@ -1,0 +1,192 @@
+"""Writes the generated tables of docs/interfaces.md and README.md from the nodes themselves.
+
+Run by `make docs`; tests/test_interface_docs.py fails when the files differ from what this makes.
+"""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import os
+import sys
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parent.parent
+INTERFACES = ROOT / "docs" / "interfaces.md"
+README = ROOT / "README.md"
+
+NODES = (
+    "sim_bridge.bridge_node",
+    "flowbothd_perception.perception_node",
+    "flowbothd_policy.inference_node",
+    "flowbothd_policy.policy_node",
+    "franka_suction_driver.motion_node",
+    "franka_suction_driver.suction_node",
+)
+# What every ROS node has and no reader asks about.
+COMMON = ("rosout", "parameter_events", "type_description", "transition_event", "_parameters")
+COMMON_PARAMETERS = ("use_sim_time", "start_type_description_service", "qos_overrides")
+LIFECYCLE = ("change_state", "get_state", "get_available_", "get_transition_graph")
+
+
+def nodes() -> Iterator[Any]:
+    """Yield one instance of every node, spinning nothing."""
+    import rclpy
+    from rclpy.context import Context
+    from rclpy.lifecycle import LifecycleNode
+    from rclpy.node import Node
+
+    context = Context()
+    rclpy.init(context=context, domain_id=100)
+    try:
+        for name in NODES:
+            module = importlib.import_module(name)
+            classes = [
+                value
+                for _, value in inspect.getmembers(module, inspect.isclass)
+                if issubclass(value, Node) and value.__module__ == name
+            ]
+            node = classes[0](context=context)
+            if isinstance(node, LifecycleNode):
+                node.trigger_configure()
+            yield node
+            node.destroy_node()
+    finally:
+        rclpy.try_shutdown(context=context)
+
+
+def type_name(kind: type) -> str:
+    """`package/Name` of a message, service or action class."""
+    return f"{kind.__module__.split('.')[0]}/{kind.__name__}"
+
+
+def endpoints(node: Any) -> dict[str, list[tuple[str, str]]]:
+    """Topics, services and actions of a node: kind -> (name, type), names as in the code."""
+    actions = [w for w in node.waitables if hasattr(w, "_action_name")]
+    found = {
+        "publishes": [(p.topic_name, type_name(p.msg_type)) for p in node.publishers],
+        "subscribes": [(s.topic_name, type_name(s.msg_type)) for s in node.subscriptions],
+        "serves": [(s.srv_name, type_name(s.srv_type)) for s in node.services],
+        "calls": [(c.srv_name, type_name(c.srv_type)) for c in node.clients],
+        "action server": [
+            (w._action_name, type_name(w._action_type))
+            for w in actions
+            if type(w).__name__ == "ActionServer"
+        ],
+        "action client": [
+            (w._action_name, type_name(w._action_type))
+            for w in actions
+            if type(w).__name__ == "ActionClient"
+        ],
+    }
+    # Only two topics are absolute by decision; everything else follows the node's namespace.
+    absolute = ("/clock", "/diagnostics")
+    private = f"/{node.get_name()}/"
+
+    def shown(name: str) -> str:
+        if name.startswith(private):
+            return "~/" + name.removeprefix(private)
+        return name if name in absolute else name.removeprefix("/")
+
+    def wanted(name: str) -> bool:
+        return not any(word in name for word in (*COMMON, *LIFECYCLE, "/_action/"))
+
+    return {
+        kind: sorted({(shown(n), t) for n, t in pairs if wanted(n)})
+        for kind, pairs in found.items()
+    }
+
+
+def table(header: Iterable[str], rows: Iterable[Iterable[str]]) -> list[str]:
+    """Markdown table."""
+    head = list(header)
+    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
+    return lines + ["| " + " | ".join(row) + " |" for row in rows]
+
+
+def parameter_rows(node: Any) -> list[list[str]]:
+    """One row a parameter: name, type, default, allowed, description."""
+    type_names = {1: "bool", 2: "integer", 3: "double", 4: "string"} | {
+        6: "bool[]",
+        7: "integer[]",
+        8: "double[]",
+        9: "string[]",
+    }
+    rows = []
+    for name in sorted(node._parameters):
+        if name.startswith(COMMON_PARAMETERS):
+            continue
+        descriptor, value = node.describe_parameter(name), node._parameters[name].value
+        shown = (
+            "[" + ", ".join(f"{v}" for v in value) + "]"
+            if value is not None and not isinstance(value, str) and hasattr(value, "__len__")
+            else f"{value}"
+        )
+        live = "" if descriptor.read_only else " (live)"
+        rows.append(
+            [
+                f"`{name}`",
+                type_names.get(descriptor.type, "string[]") + live,
+                f"`{shown}`" if value not in (None, "") else "",
+                descriptor.additional_constraints.replace("|", "\\|"),
+                descriptor.description.replace("|", "\\|"),
+            ]
+        )
+    return rows
+
+
+def render() -> tuple[str, str]:
+    """(tables of docs/interfaces.md, node table of README.md)."""
+    detailed: list[str] = []
+    summary: list[list[str]] = []
+    for node in nodes():
+        name = node.get_name()
+        found = endpoints(node)
+        detailed += [f"### {name}", ""]
+        rows = [[kind, f"`{n}`", t] for kind, pairs in found.items() for n, t in pairs]
+        detailed += [*table(("", "name", "type"), rows), ""]
+        detailed += [
+            *table(("parameter", "type", "default", "allowed", "meaning"), parameter_rows(node)),
+            "",
+        ]
+
+        def names(*kinds: str, found: dict[str, list[tuple[str, str]]] = found) -> str:
+            hidden = ("heartbeat", "/diagnostics", "/clock")
+            return " ".join(f"`{n}`" for k in kinds for n, _ in found[k] if n not in hidden)
+
+        summary.append(
+            [
+                f"`{name}`",
+                names("subscribes"),
+                names("publishes"),
+                names("serves", "action server"),
+            ]
+        )
+    header = ("node", "subscribes", "publishes", "services and actions")
+    return "\n".join(detailed).rstrip(), "\n".join(table(header, summary))
+
+
+def replaced(path: Path, marker: str, text: str) -> str:
+    """Content of the file with the part between the markers replaced."""
+    begin, end = f"<!-- begin {marker} -->", f"<!-- end {marker} -->"
+    content = path.read_text()
+    if begin not in content or end not in content:
+        raise SystemExit(f"{path.name} lacks the markers {begin} and {end}")
+    return content.split(begin)[0] + begin + "\n" + text + "\n" + end + content.split(end)[1]
+
+
+def documents() -> dict[Path, str]:
+    """Path -> content that it should have."""
+    detailed, summary = render()
+    return {
+        INTERFACES: replaced(INTERFACES, "node tables", detailed),
+        README: replaced(README, "node table", summary),
+    }
+
+
+if __name__ == "__main__":
+    os.environ.setdefault("AMENT_PREFIX_PATH", sys.prefix)
+    for document, content in documents().items():
+        document.write_text(content)
