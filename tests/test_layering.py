@@ -98,10 +98,12 @@ def test_a_module_imports_only_what_its_layer_may(path):
 
 
 def test_the_rules_would_notice_a_violation():
-    """The incident this guards against: a core that imports rclpy works everywhere but in a test."""
+    """The incident: a core that imports rclpy works everywhere but where ROS is missing."""
     assert violations("flowbothd_policy", "flowbothd_policy/grasp.py", {("rclpy", "rclpy")})
     assert violations("flowbothd_policy", "flowbothd_policy/grasp.py", {("torch", "torch")})
-    assert not violations("flowbothd_policy", "flowbothd_policy/policy_node.py", {("rclpy", "rclpy")})
+    assert not violations(
+        "flowbothd_policy", "flowbothd_policy/policy_node.py", {("rclpy", "rclpy")}
+    )
     assert violations(
         "sim_bridge", "sim_bridge/world.py", {("franka_suction_driver", "franka_suction_driver.ik")}
     )

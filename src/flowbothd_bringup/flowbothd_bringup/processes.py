@@ -1,0 +1,61 @@
+"""Starts, watches and stops the processes of one graph together, by honcho."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from honcho.manager import Manager
+
+
+@dataclass(frozen=True)
+class NodeProcess:
+    """One process of a graph.
+
+    Attributes:
+        name: Shown before each of its lines.
+        command: Program and arguments.
+        required: The whole graph stops when this one ends, with its exit status.
+    """
+
+    name: str
+    command: tuple[str, ...]
+    required: bool = False
+
+
+class _Graph(Manager):  # type: ignore[misc]
+    """A honcho manager in which only required processes take the others with them.
+
+    honcho stops everything when anything stops. A robot's nodes must not: when one dies, the
+    others hold the arm and say what is missing, and that can be seen only while they run.
+    """
+
+    def __init__(self, required: frozenset[str]) -> None:
+        super().__init__()
+        self._required = required
+
+    def _any_stopped(self) -> bool:
+        stopped = {name for name, p in self._processes.items() if p.get("returncode") is not None}
+        return self._terminating or bool(stopped & self._required)
+
+
+def run_graph(processes: Sequence[NodeProcess], environment: dict[str, str]) -> int:
+    """Run the processes until a required one ends, all have ended, or SIGINT or SIGTERM comes.
+
+    Processes that do not stop on SIGTERM within five seconds are killed.
+
+    Returns:
+        The exit status of the required process that ended, or 130 / 143 after a signal.
+    """
+    required = frozenset(p.name for p in processes if p.required)
+    graph = _Graph(required)
+    for process in processes:
+        # exec: signals then reach the node itself and no shell in between.
+        graph.add_process(process.name, "exec " + shlex.join(process.command), env=environment)
+    graph.loop()
+    for name in required:
+        code = graph._processes[name].get("returncode")
+        if code is not None and graph.returncode not in (130, 143):
+            return int(code)
+    return int(graph.returncode or 0)
