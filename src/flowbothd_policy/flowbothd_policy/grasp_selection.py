@@ -1,0 +1,222 @@
+"""Where to put the cup and which way to pull, from one flow field.
+
+The paper grasps at the point with the largest flow norm. That point lies on the very edge of the
+part, where a cup cannot seal, and of many points with nearly the same norm noise picks one. With
+``edge_margin`` > 0 the choice is made among points whose norm is within the leverage threshold
+of the largest, for a place that is flat, faces the pull, and is surrounded by the part on all
+sides; with 0 it is the paper's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from flowbothd_common.transforms import angle_between, unit
+from flowbothd_common.types import Array, Cloud
+from flowbothd_policy.params import GraspParams
+from flowbothd_policy.screw import Screw, fit_screw
+
+_DIRECTIONS = 16
+_STILL = 1e-6
+
+
+@dataclass(frozen=True)
+class Place:
+    """A place to keep off: pulls within an angle of `direction` from within `radius` of it.
+
+    Attributes:
+        point: (3,) [m].
+        direction: (3,) unit.
+        radius: [m].
+    """
+
+    point: Array
+    direction: Array
+    radius: float
+
+
+@dataclass(frozen=True)
+class Grasp:
+    """A place for the cup and the pull from there.
+
+    Attributes:
+        index: Row of the cloud.
+        point: (3,) in base [m].
+        flow: (3,) max-normalised flow to act upon.
+        norm: Norm of the predicted flow at the point.
+        largest: Largest norm of the field.
+        screw: Fitted rigid motion of the part, if it fits well enough to be trusted.
+        edge_distance: Estimated distance of the point from the edge of the part [m]; nan if
+            that was not asked for.
+    """
+
+    index: int
+    point: Array
+    flow: Array
+    norm: float
+    largest: float
+    screw: Screw | None
+    edge_distance: float = float("nan")
+
+    @property
+    def direction(self) -> Array:
+        """(3,) unit vector of the flow to act upon."""
+        return unit(self.flow)
+
+
+def select_grasp(
+    points: Cloud,
+    flow: NDArray[np.float32],
+    params: GraspParams,
+    *,
+    leverage: float,
+    avoid: Sequence[Place] = (),
+    avoid_angle: float = 0.0,
+) -> Grasp | None:
+    """Choose the grasp of one flow field.
+
+    Args:
+        points: (N, 3) in base [m].
+        flow: (N, 3) max-normalised.
+        params: How to choose.
+        leverage: Loss of norm that a better place may cost.
+        avoid: Places to keep off.
+        avoid_angle: Pulls within this angle [rad] of a place's direction are kept off it.
+
+    Returns:
+        The grasp, or None if nothing moves or every place that would do is to be avoided.
+    """
+    norms = np.linalg.norm(flow, axis=1)
+    top = int(np.argmax(norms))
+    largest = float(norms[top])
+    if largest < _STILL:
+        return None
+    pure = params.edge_margin <= 0
+    band = np.flatnonzero(norms >= largest * (1 - leverage))
+    allowed = _without_avoided(points, flow, band, avoid, avoid_angle)
+    if not len(allowed):
+        return None
+    screw = _trusted(fit_screw(points, flow, points[top].astype(float)), params)
+    if pure:
+        index = top if top in allowed else int(allowed[np.argmax(norms[allowed])])
+        distance = float("nan")
+    else:
+        index, distance = _most_surrounded(points, flow, norms, allowed, screw, params)
+    own = flow[index].astype(float)
+    point = points[index].astype(float)
+    if params.direction == "screw" and screw is not None:
+        smooth = screw.flow_at(point)
+        if np.linalg.norm(smooth) > _STILL and angle_between(smooth, own) < np.pi / 2:
+            own = smooth
+    return Grasp(index, point, own, float(norms[index]), largest, screw, distance)
+
+
+def _trusted(screw: Screw | None, params: GraspParams) -> Screw | None:
+    return screw if screw is not None and screw.residual <= params.screw_residual else None
+
+
+def _without_avoided(
+    points: Cloud,
+    flow: NDArray[np.float32],
+    band: NDArray[np.intp],
+    avoid: Sequence[Place],
+    angle: float,
+) -> NDArray[np.intp]:
+    keep = np.ones(len(band), dtype=bool)
+    unit_flow = flow[band] / np.linalg.norm(flow[band], axis=1, keepdims=True)
+    for place in avoid:
+        near = np.linalg.norm(points[band] - place.point, axis=1) < place.radius
+        keep &= ~(near & (unit_flow @ place.direction > np.cos(angle)))
+    return band[keep]
+
+
+def _most_surrounded(
+    points: Cloud,
+    flow: NDArray[np.float32],
+    norms: NDArray[np.float32],
+    candidates: NDArray[np.intp],
+    screw: Screw | None,
+    params: GraspParams,
+) -> tuple[int, float]:
+    """The candidate to hold and its distance from the edge.
+
+    Among candidates that lie far enough from the edge the largest norm wins; if there is none,
+    the one farthest from it.
+    """
+    moving = np.flatnonzero(norms > 0.2 * float(norms.max()))
+    cloud = points[moving].astype(float)
+    spacing = _spacing(cloud)
+    leverages = norms[candidates].astype(float)
+    if screw is not None:
+        # The fitted motion ranks places without the noise of single points.
+        fitted = np.array(
+            [np.linalg.norm(screw.flow_at(points[i].astype(float))) for i in candidates]
+        )
+        leverages = np.minimum(fitted, 1.5)
+    distances = np.array(
+        [
+            _edge_distance(points[i].astype(float), flow[i], cloud, spacing, params)
+            for i in candidates
+        ]
+    )
+    enough = distances >= params.edge_margin
+    best = np.argmax(np.where(enough, leverages, -1.0)) if enough.any() else np.argmax(distances)
+    return int(candidates[best]), float(distances[best])
+
+
+def _spacing(cloud: Array) -> float:
+    """Typical distance between neighbouring points [m]."""
+    probe = cloud[:: max(1, len(cloud) // 64)]
+    if len(cloud) < 2:
+        return 0.0
+    square = np.sum((probe[:, None] - cloud[None]) ** 2, axis=2)
+    return float(np.sqrt(np.median(np.partition(square, 1, axis=1)[:, 1])))
+
+
+def _edge_distance(
+    point: Array, flow: NDArray[np.float32], cloud: Array, spacing: float, params: GraspParams
+) -> float:
+    """Estimate how far the flat surface around a point reaches in its narrowest direction [m].
+
+    Looks along strips in 16 tangent directions and takes the farthest point of the part that is
+    reached without a gap. A cloud tells an edge no better than its spacing, so sparse clouds keep
+    farther from it. Negative where the place is not flat or does not face the pull.
+    """
+    reach = max(3 * params.edge_margin, 6 * spacing)
+    near = cloud[np.linalg.norm(cloud - point, axis=1) < reach]
+    around = near[np.linalg.norm(near - point, axis=1) < max(params.edge_margin, 3 * spacing)]
+    if len(around) < 5:
+        return -1.0
+    normal = np.linalg.svd(around - around.mean(axis=0), full_matrices=False)[2][2]
+    off_plane = np.abs((around - point) @ normal)
+    if float(np.quantile(off_plane, 0.9)) > params.flatness:
+        return -0.5
+    facing = float(np.abs(normal @ unit(flow)))
+    if facing < np.cos(params.max_tilt):
+        return -1.0 + facing * 0.1
+    flat = near[np.abs((near - point) @ normal) <= 2 * params.flatness] - point
+    first = unit(np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))]))
+    plane = np.column_stack([flat @ first, flat @ np.cross(normal, first)])
+    half_width = max(0.5 * params.edge_margin, spacing)
+    gap = 3 * half_width
+    angles = np.arange(_DIRECTIONS) * 2 * np.pi / _DIRECTIONS
+    ahead = plane @ np.stack([np.cos(angles), np.sin(angles)])
+    across = np.abs(plane @ np.stack([-np.sin(angles), np.cos(angles)]))
+    return min(
+        _unbroken(np.sort(ahead[(across[:, k] < half_width) & (ahead[:, k] >= 0), k]), gap)
+        for k in range(_DIRECTIONS)
+    )
+
+
+def _unbroken(along: Array, gap: float) -> float:
+    """How far sorted distances reach before a gap."""
+    reached = 0.0
+    for value in along:
+        if value - reached > gap:
+            break
+        reached = float(value)
+    return reached

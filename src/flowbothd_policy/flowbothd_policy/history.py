@@ -1,0 +1,83 @@
+"""What is remembered of the steps: the consistency direction and the network's history."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from flowbothd_common.motion import MotionReason, MotionResult
+from flowbothd_common.transforms import angle_between
+from flowbothd_common.types import Array, History
+from flowbothd_policy.params import PolicyParams
+
+_EARLY = (
+    MotionReason.STALLED,
+    MotionReason.FORCE_LIMIT,
+    MotionReason.SUCTION_LOST,
+    MotionReason.TIMEOUT,
+    MotionReason.STALE_INPUT,
+    MotionReason.STOPPED,
+)
+
+
+@dataclass(frozen=True)
+class Memory:
+    """Algorithm 1's g_his and S_his.
+
+    Attributes:
+        direction: (3,) last accepted motion [m], or None.
+        history: Observation and prediction behind it, or None.
+        updated: Whether the last step changed the history.
+    """
+
+    direction: Array | None = None
+    history: History | None = None
+    updated: bool = False
+
+
+def part_motion(result: MotionResult, params: PolicyParams) -> Array:
+    """(3,) motion of the part that a flow step's tool motion stands for [m].
+
+    A pull the wrong way stretches the cup and bends the arm by about a centimetre before it
+    stalls, as far as epsilon_m; `compliance` is therefore taken off steps that ended early, and
+    what is left counts only above epsilon_m: otherwise the stretch of a wrong pull would become
+    the direction that all later samples are held to. A step that ran to its end without the part
+    moved nothing.
+    """
+    motion = result.tool_motion.astype(float)
+    length = float(np.linalg.norm(motion))
+    if not np.isfinite(length) or length == 0:
+        return np.zeros(3)
+    if result.reason is MotionReason.REACHED:
+        return motion if result.vacuum else np.zeros(3)
+    left = length - params.compliance
+    if result.reason in _EARLY and left > (params.epsilon_m if params.compliance > 0 else 0.0):
+        return motion * (left / length)
+    return np.zeros(3)
+
+
+def remember(memory: Memory, motion: Array, seen: History, params: PolicyParams) -> Memory:
+    """Algorithm 1's last block: what one executed step leaves behind.
+
+    With the history filter off every step's prediction is remembered; the consistency direction
+    is kept under the same rule in both cases.
+    """
+    length = float(np.linalg.norm(motion))
+    consistent = length > 0 and (
+        memory.direction is None or angle_between(motion, memory.direction) < params.history_angle
+    )
+    direction = motion if consistent else memory.direction
+    update = not params.history_filter or (consistent and length > params.epsilon_m)
+    return Memory(direction, seen if update else memory.history, update)
+
+
+def is_consistent(flow: Array, memory: Memory, params: PolicyParams) -> tuple[bool, float]:
+    """Whether a flow agrees with the last accepted motion, and the angle between them [rad].
+
+    The angle is nan while nothing has moved.
+    """
+    if memory.direction is None:
+        return True, float("nan")
+    angle = angle_between(flow, memory.direction)
+    return (not params.consistency_check or angle < params.consistency_angle), angle

@@ -1,0 +1,227 @@
+"""Parameters of the policy; defaults are the paper's values wherever it names one."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+from flowbothd_common.parameters import parameter
+
+
+@dataclass(frozen=True)
+class GraspParams:
+    """How a place for the cup and a direction are chosen from one flow field."""
+
+    edge_margin: float = parameter(
+        0.018,
+        "distance that the cup's centre should keep from the edge of the part [m]: cup radius "
+        "15 mm and 3 mm of play; 0 = the paper's pure arg max",
+        minimum=0.0,
+        maximum=0.2,
+    )
+    flatness: float = parameter(
+        0.004,
+        "largest distance of neighbouring points from their common plane [m]",
+        minimum=1e-4,
+        maximum=0.1,
+    )
+    max_tilt: float = parameter(
+        math.radians(25.0),
+        "largest angle between the flow and the surface normal that the cup seals at [rad]",
+        minimum=0.0,
+        maximum=math.pi / 2,
+    )
+    direction: str = parameter(
+        "screw",
+        "flow: the flow of the chosen point itself, as the paper; screw: that of the rigid motion "
+        "fitted to the flow field, where it fits, which averages the noise of single points",
+        choices=("flow", "screw"),
+    )
+    screw_residual: float = parameter(
+        0.2,
+        "largest root mean square residual of a rigid motion fitted to max-normalised flow for "
+        "the fit to be trusted",
+        minimum=0.0,
+        maximum=1.0,
+    )
+    avoid_radius: float = parameter(
+        0.02,
+        "places nearer than this to one where the cup did not seal are avoided [m]",
+        minimum=0.0,
+        maximum=0.5,
+    )
+
+
+@dataclass(frozen=True)
+class OpeningParams:
+    """When the part counts as open, judged by the path of the tool alone."""
+
+    target_angle: float = parameter(
+        math.radians(66.0),
+        "opening of a hinged part at which the run ends [rad]",
+        minimum=0.0,
+        maximum=100.0,
+    )
+    target_distance: float = parameter(
+        0.2, "opening of a sliding part at which the run ends [m]", minimum=0.0, maximum=1000.0
+    )
+    stall_fraction: float = parameter(
+        0.5,
+        "stalls count as the end of the joint after this fraction of the target",
+        minimum=0.0,
+        maximum=1.0,
+    )
+    stalls: int = parameter(
+        2, "stalls after that fraction at which the part counts as open", minimum=1, maximum=100
+    )
+    limit_last_step: bool = parameter(
+        True, "shorten the last step so that it ends just past the target"
+    )
+    path_noise: float = parameter(
+        0.002,
+        "how far the tool strays from the part's true path [m]; decides when the path tells an "
+        "arc from a line",
+        minimum=1e-5,
+        maximum=0.1,
+    )
+
+
+@dataclass(frozen=True)
+class WaitParams:
+    """How long the policy waits for an answer before it goes on without, on the steady clock."""
+
+    observation: float = parameter(10.0, "for a cloud [s]", minimum=0.1, maximum=3600.0)
+    prediction: float = parameter(120.0, "for a prediction [s]", minimum=0.1, maximum=3600.0)
+    motion: float = parameter(120.0, "for the end of a motion [s]", minimum=0.1, maximum=3600.0)
+    release: float = parameter(3.0, "for the pump to vent [s]", minimum=0.0, maximum=60.0)
+    pause: float = parameter(
+        60.0, "for missing nodes to come back before the run is aborted [s]", minimum=0.0
+    )
+
+
+@dataclass(frozen=True)
+class PolicyParams:
+    """Everything that the policy's decisions depend on, apart from what it sees."""
+
+    seed: int = parameter(
+        0,
+        "run seed; sampling seeds are derived from it, the step and the trial",
+        minimum=0,
+        maximum=2**62,
+    )
+    consistency_check: bool = parameter(
+        True, "CC: sample again while the flow disagrees with the last measured motion"
+    )
+    consistency_angle: float = parameter(
+        math.radians(30.0),
+        "largest angle between flow and last measured motion [rad]",
+        minimum=0.0,
+        maximum=math.pi,
+    )
+    max_resamples: int = parameter(
+        50, "rejected samples per step after which one is executed anyway", minimum=1, maximum=10000
+    )
+    on_exhausted: str = parameter(
+        "last",
+        "which rejected sample is then executed: the last (paper), or the closest to being "
+        "accepted",
+        choices=("last", "closest"),
+    )
+    samples_per_request: int = parameter(
+        1, "flow fields drawn per request", minimum=1, maximum=1000
+    )
+    switch_grasp: bool = parameter(
+        True, "SG: change the grasp point when another has more leverage"
+    )
+    leverage: float = parameter(
+        0.2,
+        "gain of max-normalised flow norm that is worth another grasp; grasp places are also "
+        "chosen among points within it of the largest norm",
+        minimum=0.0,
+        maximum=1.0,
+    )
+    occlusion_radius: float = parameter(
+        0.03,
+        "the leverage of the present grasp is read at the visible point nearest to the cup if it "
+        "lies within this distance [m], else from the fitted rigid motion",
+        minimum=0.0,
+    )
+    occluded_leverage_from_screw: bool = parameter(
+        True, "off: always read the leverage at the nearest visible point, as the paper"
+    )
+    history_filter: bool = parameter(
+        True, "HF: remember a prediction only if it moved the part as before"
+    )
+    history_angle: float = parameter(
+        math.pi / 2,
+        "largest angle between a motion and the one before for it to be remembered [rad]",
+        minimum=0.0,
+        maximum=math.pi,
+    )
+    epsilon_m: float = parameter(
+        0.01, "tool motion below this is no motion of the part [m]", minimum=0.0, maximum=1.0
+    )
+    compliance: float = parameter(
+        0.015,
+        "how far the tool moves by stretching cup and arm alone before a step ends early [m]; "
+        "taken off the motion of steps that stalled or lost the part; 0 for rigid grippers",
+        minimum=0.0,
+        maximum=0.2,
+    )
+    step_distance: float = parameter(
+        0.05, "length of one step along the flow [m]", minimum=0.001, maximum=1.0
+    )
+    max_steps: int = parameter(30, "flow steps in one run", minimum=1, maximum=100000)
+    max_recontacts: int = parameter(
+        5, "contacts after the first one, grasp switches included", minimum=0, maximum=100000
+    )
+    max_unreachable: int = parameter(
+        10,
+        "grasps that the arm cannot reach at all before the run gives up; they touch nothing and "
+        "are no contacts",
+        minimum=1,
+        maximum=100000,
+    )
+    reject_failed_directions: bool = parameter(
+        True,
+        "reject samples that repeat what failed since something last moved, and keep off places "
+        "where the cup did not seal; off = the paper",
+    )
+    failed_radius: float = parameter(
+        0.05, "size of the place at which an attempt failed [m]", minimum=0.0, maximum=10.0
+    )
+    failed_angle: float = parameter(
+        math.radians(30.0),
+        "flows within this angle of a failed one repeat it [rad]",
+        minimum=0.0,
+        maximum=math.pi,
+    )
+    failed_norm: float = parameter(
+        0.5,
+        "a sample repeats a failed attempt if it gives the place of the attempt at least this "
+        "share of its largest flow norm, in the failed direction",
+        minimum=0.0,
+        maximum=1.0,
+    )
+    give_arc: bool = parameter(True, "tell motion how the part is expected to move")
+    retreat_first: bool = parameter(False, "go to the start pose before the first look")
+    vacuum: float = parameter(
+        60000.0, "vacuum asked of the pump [Pa]", minimum=0.0, maximum=100000.0
+    )
+    min_points: int = parameter(
+        32, "clouds with fewer points show no object", minimum=1, maximum=1000000
+    )
+    max_prediction_failures: int = parameter(
+        3, "failed predictions in a row before the run ends", minimum=1, maximum=1000
+    )
+    max_interruptions: int = parameter(
+        5, "motions interrupted by missing inputs before the run ends", minimum=1, maximum=1000
+    )
+    on_inputs_lost: str = parameter(
+        "resume",
+        "when a watched node goes missing: hold and resume when it is back, or abort",
+        choices=("resume", "abort"),
+    )
+    grasp: GraspParams = field(default_factory=GraspParams)
+    opening: OpeningParams = field(default_factory=OpeningParams)
+    wait: WaitParams = field(default_factory=WaitParams)
