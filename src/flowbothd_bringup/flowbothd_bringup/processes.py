@@ -24,7 +24,7 @@ class NodeProcess:
     required: bool = False
 
 
-class _Graph(Manager):  # type: ignore[misc]
+class _Graph(Manager):
     """A honcho manager in which only required processes take the others with them.
 
     honcho stops everything when anything stops. A robot's nodes must not: when one dies, the

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from flowbothd_common.types import Array
+from flowbothd_common.types import Array, Cloud
 
 
 @dataclass(frozen=True)
@@ -41,8 +41,8 @@ class PredictionSample:
     """
 
     stamp: float
-    points: Array
-    flows: Array
+    points: Cloud
+    flows: Cloud
 
 
 @dataclass

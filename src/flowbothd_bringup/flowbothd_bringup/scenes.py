@@ -31,10 +31,10 @@ class Scene:
 
     name: str
     object: str
-    position: tuple[float, float, float] | None
+    position: tuple[float, ...] | None
     yaw: float
-    camera_eye: tuple[float, float, float]
-    camera_target: tuple[float, float, float]
+    camera_eye: tuple[float, ...]
+    camera_target: tuple[float, ...]
     policy: dict[str, Any]
 
     @property

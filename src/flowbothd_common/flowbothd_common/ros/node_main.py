@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import ctypes
 import logging
 import os
+import select
 import signal
 import sys
+import threading
 from collections.abc import Callable
 
 import rclpy
@@ -20,18 +21,25 @@ from rclpy.node import Node
 from flowbothd_common.errors import FlowBotError
 from flowbothd_common.ros.parameters import reject_unknown
 
-DIE_WITH_PARENT = "FLOWBOTHD_DIE_WITH_PARENT"
-"""Set in the environment by a process manager whose nodes must not outlive it."""
-
-_PR_SET_PDEATHSIG = 1
+GUARDIAN = "FLOWBOTHD_GUARDIAN_PID"
+"""Environment variable with the process id that this node must not outlive."""
 
 
-def _die_with_parent() -> None:
-    """Ask Linux for a SIGTERM when the parent process dies, however it dies."""
-    if os.environ.get(DIE_WITH_PARENT) and sys.platform == "linux":
-        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM)
-        if os.getppid() == 1:
-            raise SystemExit("the process that started this node is gone")
+def watch_guardian() -> None:
+    """Stop this process when its guardian is gone, however it went; a thread watches its pidfd."""
+    pid = os.environ.get(GUARDIAN)
+    if not pid or not hasattr(os, "pidfd_open"):
+        return
+    try:
+        descriptor = os.pidfd_open(int(pid))
+    except ProcessLookupError:
+        raise SystemExit(f"the process that started this node (pid {pid}) is gone") from None
+
+    def watch() -> None:
+        select.select([descriptor], [], [])
+        os.kill(os.getpid(), signal.SIGTERM)
+
+    threading.Thread(target=watch, name="guardian", daemon=True).start()
 
 
 def run_node(create: Callable[[], Node], args: list[str] | None = None, *, threads: int = 1) -> int:
@@ -46,7 +54,7 @@ def run_node(create: Callable[[], Node], args: list[str] | None = None, *, threa
         0 after a requested shutdown, 2 if the node could not be created.
     """
     logging.basicConfig(level=logging.INFO, format="[%(levelname)s] [%(name)s]: %(message)s")
-    _die_with_parent()
+    watch_guardian()
     rclpy.init(args=args)
     node: Node | None = None
     executor = None

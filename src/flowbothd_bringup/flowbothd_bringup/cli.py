@@ -1,0 +1,128 @@
+"""The `flowbothd` command.
+
+Every subcommand lives in a module with `add_arguments(parser)` and `run(arguments) -> exit status`;
+modules are imported only when their command runs, so that `--help` is immediate and a missing
+optional dependency hurts only the command that needs it.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import os
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.metadata import PackageNotFoundError, version
+
+from flowbothd_common.errors import FlowBotError
+
+
+@dataclass(frozen=True)
+class Command:
+    """One subcommand.
+
+    Attributes:
+        name: Words of the command, such as ``bench sim``.
+        module: Module with add_arguments and run.
+        summary: One line for the list.
+        examples: Shown at the end of its help.
+    """
+
+    name: str
+    module: str
+    summary: str
+    examples: tuple[str, ...] = ()
+
+
+COMMANDS = (
+    Command(
+        "demo",
+        "flowbothd_bringup.demo",
+        "a simulated Panda opens an object through all nodes; writes a report",
+        ("flowbothd demo --seed 3", "flowbothd demo --object drawer --predictor oracle"),
+    ),
+    Command(
+        "up sim",
+        "flowbothd_bringup.up",
+        "start all nodes against the simulation and leave them running",
+        ("flowbothd up sim --object custom_door --start", "flowbothd up sim --object ~/8994"),
+    ),
+    Command(
+        "trials",
+        "flowbothd_bringup.trials",
+        "open objects many times in the stepped world and print the table of successes",
+        ("flowbothd trials --suite door --seeds 5", "flowbothd trials --suite furniture"),
+    ),
+    Command(
+        "bench sim",
+        "flowbothd_bringup.bench_sim",
+        "time the simulation: camera, physics, motion, whole rollouts",
+        ("flowbothd bench sim --json out/bench_sim.json",),
+    ),
+)
+
+_VERSIONS = ("flowbothd_bringup", "ros-rclpy", "numpy", "torch", "pin", "pybullet", "open3d-cpu")
+
+
+def _version_text() -> str:
+    lines = []
+    for name in _VERSIONS:
+        try:
+            lines.append(f"{name} {version(name)}")
+        except PackageNotFoundError:
+            lines.append(f"{name} not installed as a Python package")
+    return "\n".join([*lines, f"Python {sys.version.split()[0]}"])
+
+
+def _parser(chosen: str | None) -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="flowbothd", description="Opens articulated objects that it has never seen."
+    )
+    parser.add_argument("--version", action="version", version=_version_text())
+    groups = {"": parser.add_subparsers(dest="command", metavar="COMMAND", required=True)}
+    for command in COMMANDS:
+        first, _, second = command.name.partition(" ")
+        if second and first not in groups:
+            words = ", ".join(c.name for c in COMMANDS if c.name.startswith(first + " "))
+            parent = groups[""].add_parser(first, help=words, description=words)
+            groups[first] = parent.add_subparsers(dest="second", metavar="WHAT", required=True)
+        target = groups[first] if second else groups[""]
+        examples = "\n".join(("examples:", *(f"  {e}" for e in command.examples)))
+        sub = target.add_parser(
+            second or first,
+            help=command.summary,
+            description=command.summary,
+            epilog=examples if command.examples else None,
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        sub.set_defaults(module=command.module)
+        if command.name == chosen:
+            importlib.import_module(command.module).add_arguments(sub)
+    return parser
+
+
+def _chosen(arguments: Sequence[str]) -> str | None:
+    for command in COMMANDS:
+        if list(arguments[: len(command.name.split())]) == command.name.split():
+            return command.name
+    return None
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line and return the exit status: 0 success, 1 no success, 2 bad input."""
+    given = list(sys.argv[1:] if arguments is None else arguments)
+    # ROS looks its plugins up when rclpy is imported, which subcommands do.
+    os.environ.setdefault("AMENT_PREFIX_PATH", sys.prefix)
+    parsed = _parser(_chosen(given)).parse_args(given)
+    try:
+        return int(importlib.import_module(parsed.module).run(parsed))
+    except FlowBotError as error:
+        sys.stderr.write(f"flowbothd: {error}\n")
+        return 2
+    except KeyboardInterrupt:
+        return 130
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

@@ -1,0 +1,56 @@
+"""`flowbothd demo`: the whole graph opens one object; summary, pictures and signals in out/demo."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from pathlib import Path
+
+from flowbothd_bringup.environment import node_environment, own_domain
+from flowbothd_bringup.graph import RunOptions, sim_parameters, sim_processes, write_parameters
+from flowbothd_bringup.processes import NodeProcess, run_graph
+from flowbothd_bringup.scenes import scene_for
+from flowbothd_bringup.up import add_run_arguments
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `flowbothd demo`."""
+    add_run_arguments(parser)
+    parser.add_argument(
+        "--out", type=Path, default=Path("out/demo"), help="output folder (default: %(default)s)"
+    )
+    parser.add_argument(
+        "--timeout",
+        type=float,
+        default=400.0,
+        help="give up after this many seconds of wall time (default: %(default)s)",
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run graph and operator; 0 if the object was opened, 1 if not, 2 on bad input."""
+    scene = scene_for(arguments.object)
+    arguments.out.mkdir(parents=True, exist_ok=True)
+    options = RunOptions(arguments.seed, arguments.mode, arguments.predictor)
+    file = arguments.out / "parameters.yaml"
+    write_parameters(file, sim_parameters(scene, options))
+    operator = NodeProcess(
+        "operator",
+        (
+            sys.executable,
+            "-m",
+            "flowbothd_bringup.operator_node",
+            *("--object", arguments.object, "--seed", str(arguments.seed)),
+            *("--predictor", arguments.predictor, "--out", str(arguments.out)),
+            *("--timeout", str(arguments.timeout)),
+        ),
+        required=True,
+    )
+    domain = own_domain() if arguments.domain is None else arguments.domain
+    code = run_graph([*sim_processes(file), operator], node_environment(domain))
+    summary = arguments.out / "summary.json"
+    if code == 0:
+        sys.stdout.write(f"\nopened; see {arguments.out / 'report.html'}\n")
+    elif code == 1 and summary.exists():
+        sys.stdout.write(f"\nnot opened; see {summary}\n")
+    return code

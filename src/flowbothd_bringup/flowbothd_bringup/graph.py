@@ -1,0 +1,105 @@
+"""The node graph: which processes, with which parameters."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from flowbothd_bringup.processes import NodeProcess
+from flowbothd_bringup.scenes import Scene
+
+NODES = {
+    "bridge_node": "sim_bridge.bridge_node",
+    "motion_node": "franka_suction_driver.motion_node",
+    "suction_node": "franka_suction_driver.suction_node",
+    "perception_node": "flowbothd_perception.perception_node",
+    "inference_node": "flowbothd_policy.inference_node",
+    "policy_node": "flowbothd_policy.policy_node",
+}
+"""Node name -> module that runs it, for the graph against the simulation."""
+
+Parameters = dict[str, dict[str, Any]]
+"""Node name -> parameter name -> value."""
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """What differs from run to run.
+
+    Attributes:
+        seed: Run seed: mode, sensor noise, cloud sampling, prediction samples.
+        mode: Mode of an object with modes; empty = drawn from the seed.
+        predictor: oracle, ambiguous or model.
+        start: Whether the policy starts by itself as soon as everything is there.
+        overrides: Further parameters, on top of everything else.
+    """
+
+    seed: int = 0
+    mode: str = ""
+    predictor: str = "ambiguous"
+    start: bool = False
+    overrides: Parameters | None = None
+
+
+def read_parameters(path: Path) -> Parameters:
+    """Parameters of a ROS YAML file: node -> name -> value, groups flattened to dotted names."""
+    content = yaml.safe_load(path.read_text()) or {}
+    return {node: _flat(entry["ros__parameters"]) for node, entry in content.items()}
+
+
+def _flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    result: dict[str, Any] = {}
+    for name, value in values.items():
+        if isinstance(value, Mapping):
+            result.update(_flat(value, f"{prefix}{name}."))
+        else:
+            result[prefix + name] = value
+    return result
+
+
+def write_parameters(path: Path, parameters: Parameters) -> None:
+    """Write parameters as the ROS YAML file that `--params-file` takes."""
+    content = {node: {"ros__parameters": values} for node, values in parameters.items()}
+    path.write_text(yaml.safe_dump(content, sort_keys=True))
+
+
+def sim_parameters(scene: Scene, options: RunOptions) -> Parameters:
+    """Parameters of every node for one scene: config/sim.yaml, then the scene, then overrides."""
+    result = read_parameters(Path(str(files("flowbothd_bringup") / "config" / "sim.yaml")))
+    for node in NODES:
+        result.setdefault(node, {})
+    camera = {
+        "camera.position": list(scene.camera_eye),
+        "camera.quaternion": scene.camera_quaternion,
+    }
+    result["bridge_node"] |= camera | {"object": scene.object, "seed": options.seed}
+    if scene.position is not None:
+        result["bridge_node"] |= {
+            "object_position": list(scene.position),
+            "object_yaw": scene.yaw,
+        }
+    if options.mode:
+        result["bridge_node"]["mode"] = options.mode
+    result["perception_node"] |= camera | {"seed": options.seed}
+    result["inference_node"] |= {"predictor": options.predictor}
+    result["policy_node"] |= scene.policy | {"seed": options.seed, "autostart": options.start}
+    for node, values in (options.overrides or {}).items():
+        result.setdefault(node, {}).update(values)
+    return result
+
+
+def sim_processes(parameters_file: Path) -> list[NodeProcess]:
+    """The processes of the graph against the simulation."""
+    return [
+        NodeProcess(
+            name,
+            (sys.executable, "-m", module, "--ros-args", "--params-file", str(parameters_file)),
+        )
+        for name, module in NODES.items()
+    ]
