@@ -14,6 +14,7 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/" + NAME]),
         ("share/" + NAME, ["package.xml"]),
+        ("share/" + NAME + "/launch", ["launch/sim.launch.py"]),
     ],
     install_requires=["setuptools"],
     extras_require={"test": ["pytest"]},

@@ -76,7 +76,7 @@ def test_the_graph_ends_with_its_required_process_and_takes_its_status():
 
 
 def test_a_dead_node_leaves_the_others_running():
-    """honcho alone would stop all of them, and nobody could see the arm hold."""
+    """Honcho alone would stop all of them, and nobody could see the arm hold."""
     graph = start([("a", SLEEP, False), ("b", SLEEP, False)])
     first, second = descendants(graph, 2)
     first.kill()
