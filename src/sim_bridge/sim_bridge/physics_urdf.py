@@ -1,0 +1,143 @@
+"""What PyBullet gets to load: the joints and convex collision shapes of an object, or a robot."""
+
+from __future__ import annotations
+
+import atexit
+import functools
+import tempfile
+import xml.etree.ElementTree as ET
+from collections.abc import Iterable
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import ConvexHull, QhullError
+
+from flowbothd_common.types import Array
+from sim_bridge.mesh import box_mesh, merge
+from sim_bridge.objects.model import ObjectModel
+from sim_bridge.urdf import Shape, UrdfJoint, UrdfLink
+
+_DEFAULT_MASS = 1.0
+
+
+@functools.cache
+def scratch_folder() -> Path:
+    """A folder of this process for generated files; removed when it ends."""
+    folder = tempfile.TemporaryDirectory(prefix="sim_bridge_")
+    atexit.register(folder.cleanup)
+    return Path(folder.name)
+
+
+def write_object(model: ObjectModel) -> Path:
+    """Write the URDF of an object for PyBullet and return its path.
+
+    One convex hull per collision mesh (Bullet would take the hull anyway, slowly), every inertia
+    filled in (1 kg spread over the link's box where the source has none), joints that cannot be
+    opened fixed, no visuals.
+    """
+    folder = Path(tempfile.mkdtemp(dir=scratch_folder()))
+    robot = ET.Element("robot", name=model.name)
+    root = model.urdf.root
+    for link in model.urdf.links.values():
+        element = ET.SubElement(robot, "link", name=link.name)
+        points = [_collision(element, shape, folder) for shape in link.collisions]
+        _inertial(element, link, points, is_root=link.name == root)
+    for joint in model.urdf.joints.values():
+        _joint(robot, joint, movable=joint.name in model.joints)
+    path = folder / "object.urdf"
+    ET.ElementTree(robot).write(path)
+    return path
+
+
+def write_robot(urdf_text: str) -> Path:
+    """Write a robot's URDF without its visuals, which PyBullet would load for half a second."""
+    robot = ET.fromstring(urdf_text)
+    for link in robot.findall("link"):
+        for visual in link.findall("visual"):
+            link.remove(visual)
+    path = Path(tempfile.mkdtemp(dir=scratch_folder())) / "robot.urdf"
+    ET.ElementTree(robot).write(path)
+    return path
+
+
+def _collision(link: ET.Element, shape: Shape, folder: Path) -> Array:
+    """Add a collision shape and return its corner points in the link frame."""
+    mesh = merge(shape.meshes())
+    collision = ET.SubElement(link, "collision")
+    geometry = ET.SubElement(collision, "geometry")
+    if shape.kind == "mesh":
+        hull_points, faces = _hull(mesh.vertices)
+        path = folder / f"hull_{len(list(folder.iterdir()))}.obj"
+        lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in hull_points.tolist()]
+        lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in faces]
+        path.write_text("\n".join(lines) + "\n")
+        ET.SubElement(geometry, "mesh", filename=str(path))
+        return hull_points
+    # Generated objects are never rotated within a link; the box keeps its exact size.
+    ET.SubElement(collision, "origin", xyz=_text(shape.origin[:3, 3]), rpy=_rpy(shape.origin))
+    keys = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}[shape.kind]
+    values = [_text(shape.size)] if shape.kind == "box" else [_text([v]) for v in shape.size]
+    ET.SubElement(geometry, shape.kind, dict(zip(keys, values, strict=True)))
+    return mesh.vertices
+
+
+def _hull(points: Array) -> tuple[Array, list[tuple[int, int, int]]]:
+    """Convex hull; flat shapes become thin boxes."""
+    try:
+        hull = ConvexHull(points)
+    except (QhullError, ValueError):
+        low, high = points.min(axis=0), points.max(axis=0)
+        box = box_mesh(np.maximum(high - low, 1e-3))
+        return box.vertices + (low + high) / 2, [(a, b, c) for a, b, c in box.faces.tolist()]
+    index = {int(old): new for new, old in enumerate(hull.vertices)}
+    faces = [(index[a], index[b], index[c]) for a, b, c in hull.simplices.tolist()]
+    return np.asarray(points[hull.vertices]), faces
+
+
+def _inertial(element: ET.Element, link: UrdfLink, shapes: list[Array], *, is_root: bool) -> None:
+    inertial = ET.SubElement(element, "inertial")
+    mass = link.mass if link.mass and link.mass > 0 else _DEFAULT_MASS
+    turn = link.com[:3, :3]
+    centre, inertia = link.com[:3, 3], turn @ link.inertia @ turn.T
+    if not (link.mass and link.mass > 0):
+        points = np.concatenate(shapes) if shapes else np.array([[-0.05] * 3, [0.05] * 3])
+        low, high = points.min(axis=0), points.max(axis=0)
+        x, y, z = np.maximum(high - low, 0.01)
+        centre = (low + high) / 2
+        inertia = np.diag([y * y + z * z, x * x + z * z, x * x + y * y]) * mass / 12
+    # PyBullet places a body by the mass centre of its root: with it at the link's origin, base
+    # pose and link frame are the same. The root is fixed, its inertia does not matter.
+    where = np.zeros(3) if is_root else centre
+    ET.SubElement(inertial, "origin", xyz=_text(where), rpy="0 0 0")
+    ET.SubElement(inertial, "mass", value=repr(float(mass)))
+    at = {"x": 0, "y": 1, "z": 2}
+    pairs = ("xx", "yy", "zz", "xy", "xz", "yz")
+    values = {f"i{pair}": repr(float(inertia[at[pair[0]], at[pair[1]]])) for pair in pairs}
+    ET.SubElement(inertial, "inertia", values)
+
+
+def _joint(robot: ET.Element, joint: UrdfJoint, *, movable: bool) -> None:
+    kind = joint.kind if movable else "fixed"
+    element = ET.SubElement(robot, "joint", name=joint.name, type=kind)
+    xyz, rpy = _text(joint.origin[:3, 3]), _rpy(joint.origin)
+    ET.SubElement(element, "origin", xyz=xyz, rpy=rpy)
+    ET.SubElement(element, "parent", link=joint.parent)
+    ET.SubElement(element, "child", link=joint.child)
+    ET.SubElement(element, "axis", xyz=_text(joint.axis))
+    if movable:
+        limits = {"lower": repr(float(joint.lower)), "upper": repr(float(joint.upper))}
+        ET.SubElement(element, "limit", {**limits, "effort": "1000", "velocity": "100"})
+
+
+def _rpy(matrix: Array) -> str:
+    """Fixed-axis roll, pitch, yaw of a (4, 4) transform, as URDF wants them."""
+    r = matrix[:3, :3]
+    pitch = float(np.arctan2(-r[2, 0], np.hypot(r[0, 0], r[1, 0])))
+    if np.hypot(r[0, 0], r[1, 0]) < 1e-9:
+        # Looking straight up or down only the difference of roll and yaw counts.
+        return _text([np.arctan2(-r[1, 2], r[1, 1]), pitch, 0.0])
+    return _text([np.arctan2(r[2, 1], r[2, 2]), pitch, np.arctan2(r[1, 0], r[0, 0])])
+
+
+def _text(values: Iterable[float]) -> str:
+    return " ".join(repr(float(value)) for value in values)
