@@ -42,7 +42,8 @@ class ToolDimensions:
         stem_diameter: [m].
         cup_diameter: [m].
         cup_height: [m].
-        body_mass: Of body and stem together [kg].
+        body_mass: [kg].
+        stem_mass: [kg].
         cup_mass: [kg].
     """
 
@@ -52,7 +53,8 @@ class ToolDimensions:
     stem_diameter: float = 0.016
     cup_diameter: float = 0.03
     cup_height: float = 0.02
-    body_mass: float = 0.7
+    body_mass: float = 0.65
+    stem_mass: float = 0.05
     cup_mass: float = 0.02
 
     def __post_init__(self) -> None:
@@ -81,7 +83,7 @@ def compose_urdf(
 ) -> str:
     """URDF text of the seven-joint arm with the suction tool instead of its hand.
 
-    Mesh paths are absolute. Added links: `suction_body` (body and stem), `suction_cup`, and the
+    Mesh paths are absolute. Added links: `suction_body`, `suction_stem`, `suction_cup`, and the
     frame `tip_frame` at the centre of the cup's lip, z pointing out of the cup.
 
     Args:
@@ -177,16 +179,18 @@ def _make_mesh_paths_absolute(robot: ET.Element, share: Path) -> None:
 
 
 def _add_tool(robot: ET.Element, tool: ToolDimensions, tip_frame: str) -> None:
-    body = _add_link(robot, "suction_body", tool.body_mass, tool.body_length / 2, tool.body_length)
-    _add_cylinder(body, tool.body_diameter, 0.0, tool.body_length, "0.22 0.24 0.28 1")
-    stem_end = tool.body_length + tool.stem_length
-    _add_cylinder(body, tool.stem_diameter, tool.body_length, stem_end, "0.75 0.76 0.78 1")
-    cup = _add_link(robot, "suction_cup", tool.cup_mass, tool.cup_height / 2, tool.cup_height)
-    _add_cylinder(cup, tool.cup_diameter, 0.0, tool.cup_height, "0.13 0.45 0.75 1")
+    parts = (
+        ("suction_body", tool.body_mass, tool.body_diameter, tool.body_length, "0.22 0.24 0.28 1"),
+        ("suction_stem", tool.stem_mass, tool.stem_diameter, tool.stem_length, "0.75 0.76 0.78 1"),
+        ("suction_cup", tool.cup_mass, tool.cup_diameter, tool.cup_height, "0.13 0.45 0.75 1"),
+    )
+    parent, end = _FLANGE, 0.0
+    for name, mass, diameter, length, colour in parts:
+        _add_cylinder(_add_link(robot, name, mass, length / 2, length), diameter, length, colour)
+        _add_fixed_joint(robot, parent, name, end)
+        parent, end = name, length
     _add_link(robot, tip_frame, _TIP_MASS, 0.0, 0.01)
-    _add_fixed_joint(robot, _FLANGE, "suction_body", 0.0)
-    _add_fixed_joint(robot, "suction_body", "suction_cup", stem_end)
-    _add_fixed_joint(robot, "suction_cup", tip_frame, tool.cup_height)
+    _add_fixed_joint(robot, parent, tip_frame, end)
 
 
 def _add_link(robot: ET.Element, name: str, mass: float, centre: float, size: float) -> ET.Element:
@@ -201,16 +205,14 @@ def _add_link(robot: ET.Element, name: str, mass: float, centre: float, size: fl
     return link
 
 
-def _add_cylinder(link: ET.Element, diameter: float, start: float, end: float, colour: str) -> None:
+def _add_cylinder(link: ET.Element, diameter: float, length: float, colour: str) -> None:
     for kind in ("visual", "collision"):
         element = ET.SubElement(link, kind)
-        ET.SubElement(element, "origin", xyz=f"0 0 {(start + end) / 2:.6g}", rpy="0 0 0")
+        ET.SubElement(element, "origin", xyz=f"0 0 {length / 2:.6g}", rpy="0 0 0")
         geometry = ET.SubElement(element, "geometry")
-        ET.SubElement(
-            geometry, "cylinder", radius=f"{diameter / 2:.6g}", length=f"{end - start:.6g}"
-        )
+        ET.SubElement(geometry, "cylinder", radius=f"{diameter / 2:.6g}", length=f"{length:.6g}")
         if kind == "visual":
-            material = ET.SubElement(element, "material", name=f"{link.get('name')}_{start:.3g}")
+            material = ET.SubElement(element, "material", name=f"{link.get('name')}_colour")
             ET.SubElement(material, "color", rgba=colour)
 
 

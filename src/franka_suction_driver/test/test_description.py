@@ -31,7 +31,14 @@ def test_seven_joints_no_hand_and_absolute_meshes(urdf: str) -> None:
     assert movable == [f"panda_joint{i}" for i in range(1, 8)]
     names = {link.get("name") for link in root.findall("link")}
     assert not {n for n in names if n and ("hand" in n or "finger" in n)}
-    assert {"panda_link0", "panda_link8", "suction_body", "suction_cup", "suction_tip"} <= names
+    assert {
+        "panda_link0",
+        "panda_link8",
+        "suction_body",
+        "suction_stem",
+        "suction_cup",
+        "suction_tip",
+    } <= names
     meshes = [Path(m.get("filename", "")) for m in root.iter("mesh")]
     assert meshes and all(m.is_absolute() and m.is_file() for m in meshes)
 

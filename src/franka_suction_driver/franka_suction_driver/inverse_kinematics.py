@@ -1,0 +1,172 @@
+"""Damped, limited inverse kinematics of tool poses from many seeds, and following a path of them.
+
+A tool pose leaves two of seven joints free; the freedom is spent on staying near the middle of
+the joint ranges (solving) or on moving little (following).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from flowbothd_common.types import Array
+from franka_suction_driver.kinematics import (
+    Kinematics,
+    damped_inverse,
+    task_error,
+    task_jacobian,
+)
+
+_MAX_STEP = 0.3
+_DAMPING = 0.02
+_FOLLOW_DAMPING = 0.01
+
+
+@dataclass(frozen=True)
+class PositionBox:
+    """Joint position limits with a margin already taken off.
+
+    Attributes:
+        lower: (J,) [rad].
+        upper: (J,) [rad].
+    """
+
+    lower: Array
+    upper: Array
+
+    def clip(self, q: Array) -> Array:
+        """(..., J) nearest configuration inside."""
+        return np.clip(q, self.lower, self.upper)
+
+    def contains(self, q: Array, tolerance: float = 1e-9) -> Array:
+        """(...,) whether every joint is inside."""
+        inside = (q >= self.lower - tolerance) & (q <= self.upper + tolerance)
+        return np.asarray(inside.all(axis=-1))
+
+    def margin(self, q: Array) -> Array:
+        """(...,) smallest distance to a limit [rad]; negative outside."""
+        return np.asarray(np.minimum(q - self.lower, self.upper - q).min(axis=-1))
+
+    def sample(self, rng: np.random.Generator, count: int) -> Array:
+        """(count, J) uniform configurations."""
+        return np.asarray(rng.uniform(self.lower, self.upper, (count, len(self.lower))))
+
+
+@dataclass(frozen=True)
+class Followed:
+    """Configurations along a path of tool poses, for a batch of starts.
+
+    Attributes:
+        positions: (B, K, J) [rad].
+        error: (B, K) distance from the wanted pose, tilt counted as `tilt_length` metres/radian.
+        margin: (B, K) distance to the nearest joint limit [rad].
+    """
+
+    positions: Array
+    error: Array
+    margin: Array
+
+
+def limited_step(box: PositionBox, q: Array, jacobian: Array, miss: Array) -> Array:
+    """(..., J) smallest joint step that removes a task error without pushing past a joint limit.
+
+    Joints that would leave their range are held and the others take over, as far as they can.
+
+    Args:
+        box: Joint limits.
+        q: (..., J) inside the box.
+        jacobian: (..., 5, J).
+        miss: (..., 5) task error.
+    """
+    free = np.ones_like(q)
+    step = np.zeros_like(q)
+    for _ in range(3):
+        masked = jacobian * free[..., None, :]
+        step = (damped_inverse(masked, _FOLLOW_DAMPING) @ miss[..., None])[..., 0]
+        target = q + step
+        leaving = (target < box.lower) | (target > box.upper)
+        if not leaving.any():
+            break
+        free = np.where(leaving, 0.0, free)
+    return step
+
+
+def solve(
+    kinematics: Kinematics,
+    box: PositionBox,
+    seeds: Array,
+    position: Array,
+    axis: Array,
+    *,
+    iterations: int = 40,
+    centring: float = 0.05,
+    tolerance: float = 1e-4,
+) -> Array:
+    """(S, J) configurations that take the tool to a pose; seeds that do not get there are dropped.
+
+    Args:
+        kinematics: The arm.
+        box: Joint limits, never left.
+        seeds: (B, J) where to start.
+        position: (3,) tip position in base [m].
+        axis: (3,) unit direction of the tool's z axis in base.
+        iterations: At most this many Newton steps.
+        centring: Pull towards the middle of the joint ranges within the free motions.
+        tolerance: Accepted error [m, and rad of tilt].
+    """
+    q = box.clip(np.array(seeds, dtype=float))
+    middle, half = (box.lower + box.upper) / 2, (box.upper - box.lower) / 2
+    for k in range(iterations):
+        state = kinematics.tip(q)
+        jacobian = task_jacobian(state)
+        inverse = damped_inverse(jacobian, _DAMPING)
+        # The error is a column: matmul needs the trailing axis.
+        error = task_error(state, position, axis)[..., None]
+        step = inverse @ error
+        if centring and k < iterations // 2:
+            pull = (centring * (middle - q) / half**2)[..., None]
+            step = step + pull - inverse @ (jacobian @ pull)
+        step = step[..., 0]
+        length = np.abs(step).max(axis=-1, keepdims=True)
+        q = box.clip(q + step * np.minimum(1.0, _MAX_STEP / np.maximum(length, 1e-12)))
+    error = task_error(kinematics.tip(q), position, axis)
+    good = np.linalg.norm(error, axis=-1) < tolerance
+    return np.asarray(q[good])
+
+
+def follow(
+    kinematics: Kinematics,
+    box: PositionBox,
+    starts: Array,
+    positions: Array,
+    axes: Array,
+    *,
+    iterations: int = 4,
+    tilt_length: float = 0.1,
+) -> Followed:
+    """Track a path of tool poses from each start by the smallest joint motion, inside the limits.
+
+    Args:
+        kinematics: The arm.
+        box: Joint limits, never left; a path that would leave them shows as an error.
+        starts: (B, J) configurations near the path's first pose.
+        positions: (K, 3) tip positions in base [m].
+        axes: (K, 3) unit directions of the tool's z axis in base.
+        iterations: Newton steps per pose.
+        tilt_length: Metres that one radian of tilt counts in the reported error.
+    """
+    q = np.array(starts, dtype=float)
+    count = len(positions)
+    path = np.empty((len(q), count, kinematics.dof))
+    error = np.empty((len(q), count))
+    weights = np.array([1.0, 1.0, 1.0, tilt_length, tilt_length])
+    for k in range(count):
+        for _ in range(iterations):
+            state = kinematics.tip(q)
+            miss = task_error(state, positions[k], axes[k])
+            q = box.clip(q + limited_step(box, q, task_jacobian(state), miss))
+        miss = task_error(kinematics.tip(q), positions[k], axes[k])
+        path[:, k] = q
+        error[:, k] = np.linalg.norm(miss * weights, axis=-1)
+    return Followed(path, error, box.margin(path))

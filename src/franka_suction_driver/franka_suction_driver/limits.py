@@ -1,0 +1,127 @@
+"""Limits of joint motion: from the robot description and parameters, and the check against them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from flowbothd_common.errors import ParameterError
+from flowbothd_common.motion import JointTrajectory
+from flowbothd_common.types import Array
+from franka_suction_driver.inverse_kinematics import PositionBox
+from franka_suction_driver.kinematics import Kinematics
+
+
+@dataclass(frozen=True)
+class JointLimits:
+    """What no sample of any trajectory may exceed; all arrays are (J,), in joint order.
+
+    Attributes:
+        lower: [rad].
+        upper: [rad].
+        velocity: [rad/s].
+        acceleration: [rad/s^2].
+        jerk: [rad/s^3].
+    """
+
+    lower: Array
+    upper: Array
+    velocity: Array
+    acceleration: Array
+    jerk: Array
+
+    def __post_init__(self) -> None:
+        """Reject limits that leave no motion."""
+        for name in ("velocity", "acceleration", "jerk"):
+            values = getattr(self, name)
+            if values.shape != self.lower.shape or not (values > 0).all():
+                raise ParameterError(
+                    f"joint {name} limits",
+                    got=np.asarray(values).tolist(),
+                    allowed=f"{len(self.lower)} values > 0",
+                )
+        if not (self.lower < self.upper).all():
+            raise ParameterError(
+                "joint position limits are crossed",
+                got=np.column_stack([self.lower, self.upper]).tolist(),
+            )
+
+    def scaled(self, factor: float) -> JointLimits:
+        """Velocity, acceleration and jerk limits times `factor`, 0 < factor <= 1."""
+        if not 0 < factor <= 1:
+            raise ParameterError("speed scale", got=factor, allowed="0 < scale <= 1")
+        return JointLimits(
+            self.lower,
+            self.upper,
+            self.velocity * factor,
+            self.acceleration * factor,
+            self.jerk * factor,
+        )
+
+    def box(self, margin: float) -> PositionBox:
+        """Position limits less `margin` [rad] on both sides."""
+        return PositionBox(self.lower + margin, self.upper - margin)
+
+    def violation(self, trajectory: JointTrajectory, tolerance: float = 1e-6) -> str | None:
+        """The worst sample beyond a limit in words, or None; jerk is judged between samples."""
+        joints = trajectory.joint_names
+        jerk = np.diff(trajectory.accelerations, axis=0) / np.diff(trajectory.times)[:, None]
+        centre, half = (self.upper + self.lower) / 2, (self.upper - self.lower) / 2
+        checks = [
+            ("position", trajectory.positions - centre, half, "rad"),
+            ("velocity", trajectory.velocities, self.velocity, "rad/s"),
+            ("acceleration", trajectory.accelerations, self.acceleration, "rad/s^2"),
+            ("jerk", jerk, self.jerk, "rad/s^3"),
+        ]
+        worst = ""
+        worst_ratio = 1.0 + tolerance
+        for name, values, limit, unit in checks:
+            ratio = np.abs(values) / limit
+            if ratio.size and ratio.max() > worst_ratio:
+                worst_ratio = float(ratio.max())
+                k, j = np.unravel_index(int(ratio.argmax()), ratio.shape)
+                amount = abs(float(values[k, j]))
+                worst = (
+                    f"{name} of {joints[j]} at {trajectory.times[k]:.3f} s: "
+                    f"{amount:.4g} of {limit[j]:.4g} {unit}"
+                )
+        return worst or None
+
+
+def limits_from(
+    kinematics: Kinematics,
+    acceleration: Sequence[float],
+    jerk: Sequence[float],
+    *,
+    velocity: Sequence[float] = (),
+) -> JointLimits:
+    """Limits with positions and velocities of the robot description and the rest as given.
+
+    Args:
+        kinematics: The arm.
+        acceleration: J values [rad/s^2]; a URDF has no place for them.
+        jerk: J values [rad/s^3].
+        velocity: J values [rad/s] instead of the description's, or empty.
+
+    Raises:
+        ParameterError: not one positive value per joint.
+    """
+    model = kinematics.model
+
+    def per_joint(name: str, values: Sequence[float]) -> Array:
+        if len(values) != kinematics.dof:
+            raise ParameterError(
+                f"joint {name} limits", got=list(values), allowed=f"{kinematics.dof} values"
+            )
+        return np.array(values, dtype=float)
+
+    speeds = velocity if len(velocity) else model.upperVelocityLimit.tolist()
+    return JointLimits(
+        lower=np.array(model.lowerPositionLimit),
+        upper=np.array(model.upperPositionLimit),
+        velocity=per_joint("velocity", speeds),
+        acceleration=per_joint("acceleration", acceleration),
+        jerk=per_joint("jerk", jerk),
+    )

@@ -1,0 +1,286 @@
+"""Approach and Retreat: which arm configuration to go to, and how to get there without touching.
+
+The configuration at the standoff is chosen for what comes after it: among all that reach it,
+those from which the contact and then the longest part of the opening stay reachable.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from flowbothd_common.motion import JointTrajectory, MotionReason
+from flowbothd_common.types import Array, JointArc
+from franka_suction_driver.collision import CollisionChecker, Margins
+from franka_suction_driver.continuation import ToolPoses, opening_poses
+from franka_suction_driver.inverse_kinematics import PositionBox, follow, solve
+from franka_suction_driver.joint_path import SmoothPath
+from franka_suction_driver.kinematics import Kinematics
+from franka_suction_driver.limits import JointLimits
+from franka_suction_driver.params import MotionParams
+from franka_suction_driver.path_search import find_path, shorten
+
+CONTACT_LINKS = ("suction_stem", "suction_cup")
+"""Parts of the tool that come within the margin of what the cup touches."""
+_GOALS = 8
+_FOLLOW_TOLERANCE = 0.003
+_SPACINGS = (0.3, 0.15, 0.07)
+
+
+@dataclass(frozen=True)
+class PlannedMotion:
+    """What a planning request came to.
+
+    Attributes:
+        reason: REACHED = there is a trajectory, otherwise why not.
+        message: For people.
+        trajectory: From rest to rest; None if there is none, or nothing to do.
+        side: +1 = the tool comes from the side of the flow, -1 = from the opposite side.
+    """
+
+    reason: MotionReason
+    message: str
+    trajectory: JointTrajectory | None = None
+    side: int = 1
+
+
+@dataclass(frozen=True)
+class _Branches:
+    """Configurations at the standoff, best first, or why there are none."""
+
+    reason: MotionReason
+    message: str
+    standoffs: Array
+    reach: float = 0.0
+
+
+class Planner:
+    """Plans free motions against the last known obstacles.
+
+    Not safe to share between threads: it owns its kinematics and its scene.
+
+    Args:
+        kinematics: The arm.
+        limits: Joint limits.
+        params: Parameters of the motion core.
+    """
+
+    def __init__(self, kinematics: Kinematics, limits: JointLimits, params: MotionParams) -> None:
+        self._kinematics = kinematics
+        self._params = params
+        self._limits = limits
+        margins = Margins(
+            params.collision.self_margin,
+            params.collision.table_margin,
+            params.collision.obstacle_margin,
+        )
+        self.collision = CollisionChecker(
+            kinematics,
+            margins,
+            table_height=params.collision.table_height,
+            cell=params.collision.obstacle_cell,
+        )
+        self._box: PositionBox = limits.box(params.robot.position_margin)
+
+    def approach(
+        self,
+        start: Array,
+        contact: Array,
+        direction: Array,
+        arc: JointArc | None,
+        rng: np.random.Generator,
+    ) -> PlannedMotion:
+        """Plan to the standoff, from the side of the flow if possible.
+
+        Args:
+            start: (J,) configuration at rest.
+            contact: (3,) in base [m].
+            direction: (3,) unit flow at the contact.
+            arc: How the part is expected to move, or None.
+            rng: Source of all randomness.
+        """
+        planned = self._approach_from(1, start, contact, direction, arc, rng)
+        if planned.trajectory is not None or not self._params.planning.push_from_front:
+            return planned
+        other = self._approach_from(-1, start, contact, direction, arc, rng)
+        if other.trajectory is None:
+            return replace(planned, message=f"{planned.message}; opposite side: {other.message}")
+        why = f"pushing from the opposite side, since from the side of the flow: {planned.message}"
+        return replace(other, message=why)
+
+    def retreat(self, start: Array, rng: np.random.Generator) -> PlannedMotion:
+        """Plan straight back along the tool axis, then to the start pose."""
+        goal = np.array(self._params.robot.start_positions)
+        back = self._back_off(start)
+        escape, rest = self._out_of_contact(start, back)
+        if rest is None:
+            return PlannedMotion(
+                MotionReason.COLLISION,
+                f"backing off touches: {self.collision.touch(back[-1])}",
+            )
+        corners = self._connect(rest, goal[None], rng)
+        if corners is None:
+            return PlannedMotion(MotionReason.UNREACHABLE, self._no_path("the start pose"))
+        points = np.concatenate([escape, corners[0][1:]]) if len(escape) > 1 else corners[0]
+        return PlannedMotion(MotionReason.REACHED, "", self._timed(points, len(escape)))
+
+    def _approach_from(
+        self,
+        side: int,
+        start: Array,
+        contact: Array,
+        direction: Array,
+        arc: JointArc | None,
+        rng: np.random.Generator,
+    ) -> PlannedMotion:
+        planning = self._params.planning
+        poses = opening_poses(
+            contact,
+            direction,
+            side,
+            self._params.approach.standoff,
+            planning.continuation,
+            arc,
+            tilt_slack=planning.tilt_slack,
+        )
+        branches = self._branches(start, poses, rng)
+        if not len(branches.standoffs):
+            return PlannedMotion(branches.reason, branches.message, side=side)
+        touch = self.collision.touch(start)
+        if touch is not None:
+            return PlannedMotion(
+                MotionReason.COLLISION,
+                f"the arm already touches: {touch}; retreat first, or check the object cloud",
+                side=side,
+            )
+        found = self._connect(start, branches.standoffs, rng)
+        if found is None:
+            return PlannedMotion(MotionReason.UNREACHABLE, self._no_path("the standoff"), side=side)
+        note = "" if branches.reach >= 1 else f"only {branches.reach:.0%} of the opening reachable"
+        return PlannedMotion(MotionReason.REACHED, note, self._timed(found[0], 0), side)
+
+    def _branches(self, start: Array, poses: ToolPoses, rng: np.random.Generator) -> _Branches:
+        """Free standoff configurations from which the contact is reached, best first."""
+        none = np.empty((0, self._kinematics.dof))
+        seeds = np.vstack(
+            [
+                start,
+                self._params.robot.start_positions,
+                self._box.sample(rng, self._params.planning.ik_seeds),
+            ]
+        )
+        found = solve(self._kinematics, self._box, seeds, poses.positions[0], poses.axes[0])
+        if not len(found):
+            return _Branches(MotionReason.UNREACHABLE, self._out_of_reach(poses, 0), none)
+        path = follow(self._kinematics, self._box, found, poses.positions, poses.axes)
+        bad = path.error > _FOLLOW_TOLERANCE
+        reach = np.where(bad.any(axis=1), bad.argmax(axis=1), len(poses.positions))
+        if reach.max() <= poses.contact:
+            return _Branches(MotionReason.UNREACHABLE, self._out_of_reach(poses, 1), none)
+        order = np.argsort(-reach, kind="stable")
+        free = np.zeros(len(found), dtype=int)
+        touches: list[str] = []
+        for i in order:
+            if reach[i] <= max(poses.contact, free.max() - 1):
+                break
+            free[i] = self._free_poses(path.positions[i, : reach[i]], touches)
+        if free.max() <= poses.contact:
+            where = touches[0] if touches else "the arm with the scene"
+            return _Branches(MotionReason.COLLISION, f"at the contact touches: {where}", none)
+        best = np.flatnonzero(free == free.max())
+        # Roomy joints first, then the short way: as many radians of travel as radians of margin.
+        room = np.minimum(path.margin[best, : free.max()].min(axis=1), 0.3)
+        travel = np.abs(found[best] - start).max(axis=1)
+        ranked = best[np.argsort(0.2 * travel - room)][:_GOALS]
+        total = len(poses.positions) - 1 - poses.contact
+        part = 1.0 if total == 0 else (free.max() - 1 - poses.contact) / total
+        return _Branches(MotionReason.REACHED, "", found[ranked], part)
+
+    def _free_poses(self, path: Array, touches: list[str]) -> int:
+        """How many configurations are free; the cup may touch, once it has left standoff."""
+        for k, q in enumerate(path):
+            touch = self.collision.touch(q, contact_links=() if k == 0 else CONTACT_LINKS)
+            if touch is not None:
+                touches.append(str(touch))
+                return k
+        return len(path)
+
+    def _connect(
+        self, start: Array, goals: Array, rng: np.random.Generator
+    ) -> tuple[Array, int] | None:
+        resolution = self._params.planning.resolution
+
+        def edge_free(a: Array, b: Array) -> bool:
+            return self.collision.edge_free(a, b, resolution)
+
+        path = find_path(
+            start,
+            goals,
+            self._box,
+            self.collision.free,
+            edge_free,
+            rng,
+            self._params.planning.max_iterations,
+        )
+        if path is None:
+            return None
+        return shorten(path.points, edge_free, rng, self._params.planning.shortcuts), path.goal
+
+    def _timed(self, corners: Array, excused: int) -> JointTrajectory:
+        """Time the path; smoothing stays so close to the corners that it is as free as they are.
+
+        Args:
+            corners: (P, J) collision-free polyline.
+            excused: Leading corners that were allowed to touch.
+        """
+        limits = self._limits.scaled(self._params.robot.speed_scale)
+        resolution = self._params.planning.resolution
+        path = SmoothPath(corners, _SPACINGS[0])
+        for spacing in _SPACINGS:
+            path = SmoothPath(corners, spacing)
+            if excused or self._all_free(path.samples(resolution)):
+                break
+        return path.timed(self._kinematics.joint_names, limits)
+
+    def _all_free(self, configurations: Array) -> bool:
+        return self.collision.free_count(configurations) == len(configurations)
+
+    def _back_off(self, start: Array) -> Array:
+        """(K, J) straight back along the tool axis from `start`, as far as the arm reaches."""
+        tip = self._kinematics.tip(start)
+        distance = self._params.approach.back_off
+        ways = np.linspace(0.0, distance, max(2, int(np.ceil(distance / 0.01)) + 1))
+        positions = tip.position - np.outer(ways, tip.axis)
+        axes = np.tile(tip.axis, (len(ways), 1))
+        path = follow(self._kinematics, self._box, start[None], positions, axes)
+        bad = np.flatnonzero(path.error[0] > _FOLLOW_TOLERANCE)
+        count = bad[0] if len(bad) else len(ways)
+        return np.concatenate([start[None], path.positions[0, 1 : max(1, count)]])
+
+    def _out_of_contact(self, start: Array, back: Array) -> tuple[Array, Array | None]:
+        """The way back, shortened where it is free early enough, and its free end or None."""
+        touches = [not self.collision.free(q) for q in back]
+        if touches[-1]:
+            # The first motion away from a contact may begin inside the margin, but must leave it.
+            free = [k for k, touching in enumerate(touches) if not touching]
+            if not free:
+                return back, None
+            back = back[: free[-1] + 1]
+        return back, back[-1] if len(back) else start
+
+    def _out_of_reach(self, poses: ToolPoses, stage: int) -> str:
+        where = "standoff" if stage == 0 else "contact"
+        index = 0 if stage == 0 else poses.contact
+        position = np.round(poses.positions[index], 3).tolist()
+        axis = np.round(poses.axes[index], 2).tolist()
+        return (
+            f"no joint configuration takes the cup to the {where} {position} m with the tool along "
+            f"{axis}; move the object nearer to the arm or turn it"
+        )
+
+    def _no_path(self, goal: str) -> str:
+        return (
+            f"no collision-free path to {goal} in {self._params.planning.max_iterations} steps; "
+            "clear the space around the object or raise planning.max_iterations"
+        )
