@@ -1,10 +1,11 @@
 #!/usr/bin/env bash
 # Makes .venv: system libraries, uv (in .uv), Python 3.11 or 3.12, the locked packages, our packages.
-# Safe to run again: every step does only what is missing. Usage: tools/setup.sh [venv folder]
+# Safe to run again: every step does only what is missing. Usage: tools/setup.sh [venv folder] [Python version]
 set -euo pipefail
 cd "$(dirname "$0")/.."
 
 VENV=${1:-.venv}
+PYTHONS=${2:-3.11 3.12}
 UV_VERSION=0.13.9
 export UV_LINK_MODE=${UV_LINK_MODE:-copy}
 
@@ -56,7 +57,7 @@ install_uv() {
 }
 
 find_python() {
-  for version in 3.11 3.12; do
+  for version in $PYTHONS; do
     # A system Python without headers cannot compile the interfaces; the next one may.
     for python in $(command -v "python$version") \
                   $(UV_PYTHON_DOWNLOADS=never .uv/bin/uv python find --system "$version" 2>/dev/null); do

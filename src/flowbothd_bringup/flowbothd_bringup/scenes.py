@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -26,6 +26,8 @@ class Scene:
         yaw: Rotation of the object about z [rad].
         camera_eye: Where the depth camera is [m].
         camera_target: What it looks at [m].
+        report_eye: Where pictures for people are taken from [m].
+        report_target: What is in their middle [m].
         policy: Parameters of the policy that this scene needs, such as the opening target.
     """
 
@@ -35,6 +37,8 @@ class Scene:
     yaw: float
     camera_eye: tuple[float, ...]
     camera_target: tuple[float, ...]
+    report_eye: tuple[float, ...]
+    report_target: tuple[float, ...]
     policy: dict[str, Any]
 
     @property
@@ -64,6 +68,8 @@ def _scene(name: str, entry: dict[str, Any]) -> Scene:
         yaw=0.0 if pose is None else float(np.radians(pose["yaw_deg"])),
         camera_eye=tuple(float(v) for v in entry["camera"]["eye"]),
         camera_target=tuple(float(v) for v in entry["camera"]["target"]),
+        report_eye=tuple(float(v) for v in entry["report"]["eye"]),
+        report_target=tuple(float(v) for v in entry["report"]["target"]),
         policy=dict(entry.get("policy", {})),
     )
 
@@ -92,12 +98,4 @@ def scene_for(name_or_path: str) -> Scene:
             + ", a PartNet-Mobility folder, or a .urdf file",
         )
     default = scenes["default"]
-    return Scene(
-        name=path.stem,
-        object=str(path.resolve()),
-        position=None,
-        yaw=0.0,
-        camera_eye=default.camera_eye,
-        camera_target=default.camera_target,
-        policy=default.policy,
-    )
+    return replace(default, name=path.stem, object=str(path.resolve()))

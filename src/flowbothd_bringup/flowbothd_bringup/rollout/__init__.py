@@ -1,0 +1,1 @@
+"""Whole runs without ROS: the policy, a predictor and a stepped world, repeatable bit for bit."""
