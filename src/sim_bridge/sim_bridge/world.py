@@ -246,6 +246,13 @@ class ArmWorld:
         self._object.set_joints(positions)
         self._bullet.update_collisions()
 
+    def set_arm_positions(self, positions: Array) -> None:
+        """Put the arm's joints somewhere, at rest; for tests and pictures."""
+        self._robot.set_joints(dict(zip(self.joint_names, positions, strict=True)))
+        self._follower.reset(np.array(positions, dtype=float))
+        self._bullet.update_collisions()
+        self._read()
+
     def open_ratios(self) -> dict[str, float]:
         """0 = closed, 1 = open, by joint."""
         at = self.object_positions()
