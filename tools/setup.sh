@@ -8,6 +8,8 @@ VENV=${1:-.venv}
 PYTHONS=${2:-3.11 3.12}
 UV_VERSION=0.13.9
 export UV_LINK_MODE=${UV_LINK_MODE:-copy}
+# Behind a proxy with a certificate of its own only the system's store knows it.
+[ -s /etc/ssl/certs/ca-certificates.crt ] && export UV_SYSTEM_CERTS=${UV_SYSTEM_CERTS:-1}
 
 say() { printf '== %s\n' "$*" >&2; }
 fail() { printf 'setup: %s\n' "$*" >&2; exit 1; }
