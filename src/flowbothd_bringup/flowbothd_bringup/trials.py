@@ -1,0 +1,230 @@
+"""`flowbothd trials`: open objects many times in the stepped world, and the table of successes."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import multiprocessing
+import sys
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from tqdm import tqdm
+
+from flowbothd_bringup.record import as_plain
+from flowbothd_common.errors import FlowBotError, ObjectModelError
+from flowbothd_common.types import Outcome
+
+DOOR_MODES = ("pull_left", "pull_right", "push_left", "push_right")
+FURNITURE = ("drawer", "cabinet_door", "lidded_box")
+SUITES = ("door", "furniture", "partnet", "all")
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One run to make.
+
+    Attributes:
+        suite: Which part of the table it belongs to.
+        world: arm or floating.
+        object: Scene, or path of a PartNet-Mobility folder.
+        mode: Mode of the object, or empty.
+        target: Target joint, empty = the object's own.
+        method: oracle, ambiguous, or ambiguous-paper (failed directions may be tried again).
+        seed: Run seed.
+    """
+
+    suite: str
+    world: str
+    object: str
+    mode: str
+    target: str
+    method: str
+    seed: int
+
+
+METHODS: dict[str, tuple[str, dict[str, Any]]] = {
+    "oracle": ("oracle", {}),
+    "ambiguous": ("ambiguous", {}),
+    "ambiguous-paper": ("ambiguous", {"reject_failed_directions": False}),
+}
+"""Method -> predictor, and the policy's parameters that differ from their defaults."""
+
+
+def door_trials(seeds: int) -> Iterator[Trial]:
+    """The four-mode door, by the arm."""
+    for method in METHODS:
+        for mode in DOOR_MODES:
+            for seed in range(seeds):
+                yield Trial("door", "arm", "custom_door", mode, "", method, seed)
+
+
+def furniture_trials(seeds: int) -> Iterator[Trial]:
+    """Procedural furniture, by the arm."""
+    for name in FURNITURE:
+        for seed in range(seeds):
+            yield Trial("furniture", "arm", name, "", "", "oracle", seed)
+
+
+def partnet_trials(folders: Sequence[Path], seeds: int) -> Iterator[Trial]:
+    """Every movable joint of PartNet-Mobility objects, by the floating gripper."""
+    from sim_bridge.objects.registry import load_object
+
+    for folder in folders:
+        for joint in load_object(folder).joints:
+            for seed in range(seeds):
+                yield Trial("partnet", "floating", str(folder), "", joint, "oracle", seed)
+
+
+def run_trial(trial: Trial) -> dict[str, Any]:
+    """Run one trial; always a record, whatever happens."""
+    entry: dict[str, Any] = asdict(trial) | {"object": Path(trial.object).name}
+    try:
+        entry |= _rollout(trial)
+    except FlowBotError as error:
+        entry |= {"success": False, "open_ratio": 0.0, "outcome": Outcome.ERROR.value}
+        entry["reason"] = str(error)
+    return entry
+
+
+def _rollout(trial: Trial) -> dict[str, Any]:
+    predictor, changes = METHODS[trial.method]
+    if trial.world == "floating":
+        from flowbothd_bringup.rollout.floating import FLOATING_POLICY, floating_rollout
+        from sim_bridge.objects.registry import load_object
+
+        model = load_object(trial.object, seed=trial.seed)
+        model = model.with_target(trial.target) if trial.target else model
+        record = floating_rollout(model, replace(FLOATING_POLICY, seed=trial.seed, **changes))
+        return record.summary()
+    from flowbothd_bringup.rollout.arm import arm_rollout
+    from flowbothd_bringup.scenes import scene_for
+
+    record, contacts = arm_rollout(
+        scene_for(trial.object),
+        seed=trial.seed,
+        mode=trial.mode,
+        predictor=predictor,
+        policy=changes,
+    )
+    return record.summary() | {"contacts": as_plain(contacts)}
+
+
+def _key(entry: dict[str, Any]) -> tuple[Any, ...]:
+    names = ("suite", "world", "object", "mode", "target", "method", "seed")
+    return tuple(entry[name] for name in names)
+
+
+def _present(path: Path) -> list[dict[str, Any]]:
+    """Records of an interrupted run; a half-written last line does not count."""
+    records = []
+    for line in path.read_text().splitlines() if path.exists() else []:
+        try:
+            records.append(json.loads(line))
+        except json.JSONDecodeError:
+            continue
+    return records
+
+
+def run_trials(trials: Sequence[Trial], out: Path, jobs: int) -> list[dict[str, Any]]:
+    """Run the trials that `out` does not hold yet, append their records, and return all of them.
+
+    A record does not depend on `jobs`: every trial has a world of its own.
+    """
+    wanted = {_key(asdict(t) | {"object": Path(t.object).name}): t for t in trials}
+    records = [entry for entry in _present(out) if _key(entry) in wanted]
+    done = {_key(entry) for entry in records}
+    missing = [trial for key, trial in wanted.items() if key not in done]
+    out.parent.mkdir(parents=True, exist_ok=True)
+    out.write_text("".join(json.dumps(entry) + "\n" for entry in records))
+    context = multiprocessing.get_context("spawn")
+    with (
+        out.open("a") as file,
+        ProcessPoolExecutor(jobs, mp_context=context, max_tasks_per_child=20) as pool,
+        tqdm(total=len(wanted), initial=len(records), unit="trial") as bar,
+    ):
+        futures = [pool.submit(run_trial, trial) for trial in missing]
+        for future in as_completed(futures):
+            entry = as_plain(future.result())
+            file.write(json.dumps(entry) + "\n")
+            file.flush()
+            records.append(entry)
+            bar.update()
+    return sorted(records, key=_key)
+
+
+def table(records: Sequence[dict[str, Any]]) -> str:
+    """Markdown table: one row a suite, object, mode or joint and method."""
+    rows: dict[tuple[str, ...], list[dict[str, Any]]] = {}
+    for entry in records:
+        part = entry["mode"] or entry["target"]
+        rows.setdefault((entry["suite"], entry["object"], entry["method"], part), []).append(entry)
+    lines = [
+        "| object | mode or joint | method | opened | mean open ratio | mean steps | mean grasps "
+        "| peak force [N] | not opened because |",
+        "|---|---|---|---|---|---|---|---|---|",
+    ]
+    totals: dict[tuple[str, ...], list[int]] = {}
+    for (suite, name, method, part), entries in rows.items():
+        opened = sum(bool(e["success"]) for e in entries)
+        total = totals.setdefault((suite, name, method), [0, 0])
+        total[0] += opened
+        total[1] += len(entries)
+        failures = sorted({f"{e['outcome']}: {e['reason']}" for e in entries if not e["success"]})
+        lines.append(
+            f"| {name} | {part} | {method} | {opened} of {len(entries)} "
+            f"| {_mean(entries, 'open_ratio'):.2f} | {_mean(entries, 'steps'):.1f} "
+            f"| {_mean(entries, 'grasps'):.1f} "
+            f"| {max(float(e.get('peak_force', 0.0)) for e in entries):.0f} "
+            f"| {'; '.join(failures)[:160]} |"
+        )
+    lines += ["", "| object | method | opened |", "|---|---|---|"]
+    lines += [f"| {n} | {m} | **{a} of {b}** |" for (_, n, m), (a, b) in totals.items()]
+    return "\n".join(lines)
+
+
+def _mean(entries: Sequence[dict[str, Any]], key: str) -> float:
+    return sum(float(e.get(key, 0.0)) for e in entries) / len(entries)
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `flowbothd trials`."""
+    parser.add_argument("--suite", choices=SUITES, default="all", help="(default: %(default)s)")
+    parser.add_argument("--seeds", type=int, default=0, help="runs each (default: 5; furniture: 3)")
+    parser.add_argument(
+        "--objects",
+        type=Path,
+        nargs="*",
+        default=[],
+        metavar="FOLDER",
+        help="PartNet-Mobility folders of the partnet suite",
+    )
+    parser.add_argument("--jobs", type=int, default=2, help="processes (default: %(default)s)")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("out/trials.jsonl"),
+        help="one record a trial; run again, it continues (default: %(default)s)",
+    )
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Run the suite and print its table."""
+    suite = arguments.suite
+    trials: list[Trial] = []
+    if suite in ("door", "all"):
+        trials += door_trials(arguments.seeds or 5)
+    if suite in ("furniture", "all"):
+        trials += furniture_trials(arguments.seeds or 3)
+    if suite == "partnet" and not arguments.objects:
+        raise ObjectModelError(
+            "the partnet suite needs objects", hint="give --objects FOLDER [FOLDER ...]"
+        )
+    if suite in ("partnet", "all"):
+        trials += partnet_trials(arguments.objects, arguments.seeds or 5)
+    records = run_trials(trials, arguments.out, arguments.jobs)
+    sys.stdout.write(table(records) + "\n")
+    return 0
