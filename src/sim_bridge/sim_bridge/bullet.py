@@ -12,7 +12,6 @@ import pybullet as p
 from flowbothd_common.transforms import quaternion_from_rotation, rotation_from_quaternion
 from flowbothd_common.types import Array
 from sim_bridge.objects.model import ObjectModel
-from sim_bridge.physics_urdf import write_object
 from sim_bridge.suction_cup import SurfaceHit
 
 ROBOT_GROUP = 1
@@ -111,9 +110,15 @@ class Bullet:
             p.setCollisionFilterGroupMask(number, link, group, mask, physicsClientId=self.client)
         return body
 
-    def load_object(self, model: ObjectModel, pose: Array) -> Body:
-        """Load an object, closed, with the friction and damping of its joints."""
-        body = self.load(write_object(model), pose, ENVIRONMENT_GROUP, ROBOT_GROUP)
+    def load_object(self, model: ObjectModel, path: Path, pose: Array) -> Body:
+        """Load an object, closed, with the friction and damping of its joints.
+
+        Args:
+            model: The object.
+            path: What `write_object` wrote of it.
+            pose: T_base_object.
+        """
+        body = self.load(path, pose, ENVIRONMENT_GROUP, ROBOT_GROUP)
         for joint in model.joints.values():
             index = body.joints[joint.name]
             p.changeDynamics(
@@ -162,10 +167,16 @@ class Bullet:
             collisionFilterMask=ENVIRONMENT_GROUP,
             physicsClientId=self.client,
         )
-        return [
-            None if a[0] < 0 else SurfaceHit(a[0], a[1], np.array(a[3]), np.array(a[4]))
-            for a in answers
-        ]
+        found: list[SurfaceHit | None] = []
+        for answer, along in zip(answers, ends - starts, strict=True):
+            if answer[0] < 0:
+                found.append(None)
+                continue
+            normal = np.array(answer[4])
+            # Triangles of meshes found in the wild are wound either way.
+            normal = -normal if normal @ along > 0 else normal
+            found.append(SurfaceHit(answer[0], answer[1], np.array(answer[3]), normal))
+        return found
 
     def link_pose(self, body: int, link: int) -> Array:
         """(4, 4) pose of a link frame in base."""

@@ -31,16 +31,18 @@ def scratch_folder() -> Path:
 def write_object(model: ObjectModel) -> Path:
     """Write the URDF of an object for PyBullet and return its path.
 
-    One convex hull per collision mesh (Bullet would take the hull anyway, slowly), every inertia
-    filled in (1 kg spread over the link's box where the source has none), joints that cannot be
-    opened fixed, no visuals.
+    Moving links get one convex hull per collision mesh, fixed ones the triangles that are seen.
+    Every inertia is filled in (1 kg spread over the link's box where the source has none), joints
+    that cannot be opened are fixed, visuals are left out.
     """
     folder = Path(tempfile.mkdtemp(dir=scratch_folder()))
     robot = ET.Element("robot", name=model.name)
     root = model.urdf.root
+    moving = {name for name, part in model.links.items() if part.joints}
     for link in model.urdf.links.values():
         element = ET.SubElement(robot, "link", name=link.name)
-        points = [_collision(element, shape, folder) for shape in link.collisions]
+        static = link.name not in moving
+        points = _collisions(element, link, folder, static=static)
         _inertial(element, link, points, is_root=link.name == root)
     for joint in model.urdf.joints.values():
         _joint(robot, joint, movable=joint.name in model.joints)
@@ -60,47 +62,76 @@ def write_robot(urdf_text: str) -> Path:
     return path
 
 
-def _collision(link: ET.Element, shape: Shape, folder: Path) -> Array:
-    """Add a collision shape and return its corner points in the link frame."""
-    mesh = merge(shape.meshes())
+def _collisions(link: ET.Element, source: UrdfLink, folder: Path, *, static: bool) -> Array:
+    """Add the collision shapes of a link; returns their corner points (N, 3) in the link frame."""
+    found = [np.zeros((0, 3))]
+    pieces: list[tuple[Array, list[list[int]]]] = []
+    for shape in source.collisions:
+        mesh = merge(shape.meshes())
+        if shape.kind == "mesh":
+            pieces.append(_hull(mesh.vertices))
+        else:
+            _primitive(link, shape)
+        found.append(mesh.vertices)
+    if pieces and static:
+        # The hull of a door frame would close the very opening that its leaf stands in.
+        shapes = [s for s in source.visuals if s.kind == "mesh"] or source.collisions
+        mesh = merge([m for shape in shapes for m in shape.meshes()])
+        pieces = [(mesh.vertices, mesh.faces.tolist())]
+    if pieces:
+        _mesh_collision(link, pieces, folder, concave=static)
+    return np.concatenate(found)
+
+
+def _mesh_collision(
+    link: ET.Element, pieces: list[tuple[Array, list[list[int]]]], folder: Path, *, concave: bool
+) -> None:
+    """One file with one object per piece, which Bullet makes a compound of.
+
+    (It loads at most 63 mesh files per URDF, and published objects have more.)
+    """
+    lines: list[str] = []
+    count = 1
+    for number, (vertices, faces) in enumerate(pieces):
+        lines += [f"o piece_{number}"]
+        lines += [f"v {x!r} {y!r} {z!r}" for x, y, z in vertices.tolist()]
+        lines += [f"f {a + count} {b + count} {c + count}" for a, b, c in faces]
+        count += len(vertices)
+    path = folder / f"{link.get('name')}.obj"
+    path.write_text("\n".join(lines) + "\n")
+    collision = ET.SubElement(link, "collision", {"concave": "yes"} if concave else {})
+    ET.SubElement(ET.SubElement(collision, "geometry"), "mesh", filename=str(path))
+
+
+def _primitive(link: ET.Element, shape: Shape) -> None:
     collision = ET.SubElement(link, "collision")
-    geometry = ET.SubElement(collision, "geometry")
-    if shape.kind == "mesh":
-        hull_points, faces = _hull(mesh.vertices)
-        path = folder / f"hull_{len(list(folder.iterdir()))}.obj"
-        lines = [f"v {x!r} {y!r} {z!r}" for x, y, z in hull_points.tolist()]
-        lines += [f"f {a + 1} {b + 1} {c + 1}" for a, b, c in faces]
-        path.write_text("\n".join(lines) + "\n")
-        ET.SubElement(geometry, "mesh", filename=str(path))
-        return hull_points
-    # Generated objects are never rotated within a link; the box keeps its exact size.
     ET.SubElement(collision, "origin", xyz=_text(shape.origin[:3, 3]), rpy=_rpy(shape.origin))
     keys = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}[shape.kind]
     values = [_text(shape.size)] if shape.kind == "box" else [_text([v]) for v in shape.size]
+    geometry = ET.SubElement(collision, "geometry")
     ET.SubElement(geometry, shape.kind, dict(zip(keys, values, strict=True)))
-    return mesh.vertices
 
 
-def _hull(points: Array) -> tuple[Array, list[tuple[int, int, int]]]:
+def _hull(points: Array) -> tuple[Array, list[list[int]]]:
     """Convex hull; flat shapes become thin boxes."""
     try:
         hull = ConvexHull(points)
     except (QhullError, ValueError):
         low, high = points.min(axis=0), points.max(axis=0)
         box = box_mesh(np.maximum(high - low, 1e-3))
-        return box.vertices + (low + high) / 2, [(a, b, c) for a, b, c in box.faces.tolist()]
+        return box.vertices + (low + high) / 2, box.faces.tolist()
     index = {int(old): new for new, old in enumerate(hull.vertices)}
-    faces = [(index[a], index[b], index[c]) for a, b, c in hull.simplices.tolist()]
+    faces = [[index[a], index[b], index[c]] for a, b, c in hull.simplices.tolist()]
     return np.asarray(points[hull.vertices]), faces
 
 
-def _inertial(element: ET.Element, link: UrdfLink, shapes: list[Array], *, is_root: bool) -> None:
+def _inertial(element: ET.Element, link: UrdfLink, shape: Array, *, is_root: bool) -> None:
     inertial = ET.SubElement(element, "inertial")
     mass = link.mass if link.mass and link.mass > 0 else _DEFAULT_MASS
     turn = link.com[:3, :3]
     centre, inertia = link.com[:3, 3], turn @ link.inertia @ turn.T
     if not (link.mass and link.mass > 0):
-        points = np.concatenate(shapes) if shapes else np.array([[-0.05] * 3, [0.05] * 3])
+        points = shape if len(shape) else np.array([[-0.05] * 3, [0.05] * 3])
         low, high = points.min(axis=0), points.max(axis=0)
         x, y, z = np.maximum(high - low, 0.01)
         centre = (low + high) / 2

@@ -17,7 +17,7 @@ from sim_bridge.bullet import ENVIRONMENT_GROUP, ROBOT_GROUP, Bullet, ContactFor
 from sim_bridge.ground_truth import FlowOracle, GroundTruth
 from sim_bridge.mesh import Mesh, box_mesh
 from sim_bridge.objects.model import ObjectModel
-from sim_bridge.physics_urdf import write_robot
+from sim_bridge.physics_urdf import write_object, write_robot
 from sim_bridge.scene import Part
 from sim_bridge.suction_cup import CupForce, CupParams, SuctionCup
 from sim_bridge.trajectory import TrajectoryFollower
@@ -109,6 +109,7 @@ class ArmWorld:
         self.model = model
         self.object_pose = model.default_pose if object_pose is None else object_pose
         self._oracle = FlowOracle(model)
+        self._object_path = write_object(model)
         self.reset()
 
     def __enter__(self) -> ArmWorld:
@@ -142,11 +143,12 @@ class ArmWorld:
         if model is not None:
             self.model = model
             self._oracle = FlowOracle(model)
+            self._object_path = write_object(model)
         self.object_pose = np.array(object_pose, dtype=float)
         start = np.array(self.params.start if joint_positions is None else joint_positions)
         self._bullet.clear()
         self._table = self._bullet.add_box(_TABLE_LOW, _TABLE_HIGH)
-        self._object = self._bullet.load_object(self.model, self.object_pose)
+        self._object = self._bullet.load_object(self.model, self._object_path, self.object_pose)
         self._robot = self._bullet.load(self._robot_path, np.eye(4), ROBOT_GROUP, ENVIRONMENT_GROUP)
         self._filter_robot()
         self._robot.set_joints(dict(zip(self.joint_names, start, strict=True)))

@@ -1,0 +1,425 @@
+"""The floating suction gripper of the paper's evaluation: a ball that is driven by velocity.
+
+The object stands at the origin, its lowest point at z = 0, without gravity; base and world are the
+same frame here. What the arm's motions do for the policy, `execute` does with the ball.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pybullet as p
+
+from flowbothd_common.errors import InvalidCloudError, MotionRejectedError
+from flowbothd_common.motion import MotionGoal, MotionKind, MotionReason, MotionResult
+from flowbothd_common.transforms import apply, inverse, look_at, rotation_between, transform, unit
+from flowbothd_common.types import Array, Cloud, SuctionReading
+from sim_bridge.bullet import ENVIRONMENT_GROUP, ROBOT_GROUP, Bullet
+from sim_bridge.camera import PAPER_CAMERA, DepthCamera, DepthImage, Intrinsics
+from sim_bridge.ground_truth import FlowOracle, GroundTruth
+from sim_bridge.mesh import sphere_mesh
+from sim_bridge.objects.from_urdf import standing_at
+from sim_bridge.objects.model import ObjectModel
+from sim_bridge.physics_urdf import write_object
+from sim_bridge.scene import Part
+
+
+@dataclass(frozen=True)
+class FloatingParams:
+    """The paper's rollout; `pull_steps` and `speed` make its 0.167 m a step.
+
+    Attributes:
+        time_step: [s].
+        speed: Of the gripper [m/s].
+        pull_steps: Simulation steps in a flow step without a distance.
+        probe_steps: Simulation steps in which a probe must find contact.
+        standoff: Distance from which it approaches [m].
+        radius: Of the gripper [m].
+        mass: Of the gripper [kg].
+        grip_force: Limit of the joint that holds the part, per axis [N]: high enough not to slip.
+        passes_others: The gripper passes through every link but the one that it is sent to. A ball
+            that comes along the flow to the edge of a leaf touches the jamb first; the reference
+            takes hold of whatever is touched, and pulls at the jamb for the rest of the trial.
+        below_closed: How far a joint may be pressed below its closed limit before the rollout
+            gives the grasp up and closes it, as the reference does [rad or m].
+        eye: Of the camera [m].
+        look_at: What the camera looks at [m].
+        camera: Its lens.
+    """
+
+    time_step: float = 1.0 / 240.0
+    speed: float = 0.4
+    pull_steps: int = 100
+    probe_steps: int = 500
+    standoff: float = 0.2
+    radius: float = 0.005
+    mass: float = 5.0
+    grip_force: float = 2000.0
+    passes_others: bool = True
+    below_closed: float = 1e-3
+    eye: tuple[float, float, float] = (-2.0, 0.0, 2.0)
+    look_at: tuple[float, float, float] = (0.0, 0.0, 0.5)
+    camera: Intrinsics = PAPER_CAMERA
+
+
+@dataclass(frozen=True)
+class Observation:
+    """What the policy sees.
+
+    Attributes:
+        points: (N, 3) float32 in base [m].
+        links: (N,) name of the link that each point lies on; for evaluation, never for the policy.
+        image: The whole picture.
+    """
+
+    points: Cloud
+    links: tuple[str, ...]
+    image: DepthImage
+
+
+@dataclass(frozen=True)
+class _Grasp:
+    """What is held: link id, the point in that link's frame, the constraint."""
+
+    link: int
+    local: Array
+    constraint: int
+
+
+class FloatingWorld:
+    """One object and one gripper; bit-identical for equal objects, seeds and calls."""
+
+    def __init__(
+        self, model: ObjectModel, seed: int = 0, params: FloatingParams | None = None
+    ) -> None:
+        """Build the world with the object closed.
+
+        Args:
+            model: The object.
+            seed: Draws which pixels are kept as points.
+            params: The rollout's numbers.
+        """
+        self.params = params or FloatingParams()
+        self.model = model
+        self.object_pose = standing_at(model, 0.0, 0.0, 0.0)
+        self._oracle = FlowOracle(model)
+        self._path = write_object(model)
+        parts = [Part(f"object/{name}", link.meshes) for name, link in model.links.items()]
+        ball = sphere_mesh(self.params.radius, (0.13, 0.45, 0.75))
+        self._parts = (*parts, Part("gripper", (ball,)))
+        eye = look_at(self.params.eye, self.params.look_at)
+        self.camera = DepthCamera(parts, eye, self.params.camera)
+        self._bullet = Bullet(self.params.time_step, gravity=0.0)
+        self.reset(seed)
+
+    def __enter__(self) -> FloatingWorld:
+        """Return the world itself."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Disconnect from PyBullet."""
+        self.close()
+
+    def close(self) -> None:
+        """Disconnect from PyBullet."""
+        self._bullet.close()
+
+    def reset(self, seed: int = 0) -> None:
+        """Close the object, park the gripper, switch the suction off, start the draws anew."""
+        self._rng = np.random.default_rng(seed)
+        self._bullet.clear()
+        self._object = self._bullet.load_object(self.model, self._path, self.object_pose)
+        client = self._bullet.client
+        ball = p.createCollisionShape(
+            p.GEOM_SPHERE, radius=self.params.radius, physicsClientId=client
+        )
+        self._gripper: int = p.createMultiBody(self.params.mass, ball, physicsClientId=client)
+        p.changeDynamics(
+            self._gripper, -1, linearDamping=0.0, angularDamping=0.0, physicsClientId=client
+        )
+        self._grasp: _Grasp | None = None
+        self._vacuum = 0.0
+        self._detached = False
+        self._ticks = 0
+        self._axis: Array = np.array([1.0, 0.0, 0.0])
+        self._aim: int | None = None
+        self._set_collisions(on=True)
+        self._park()
+        self._bullet.update_collisions()
+
+    @property
+    def time(self) -> float:
+        """Simulated time since the reset [s]."""
+        return self._ticks * self.params.time_step
+
+    def tip_pose(self) -> Array:
+        """(4, 4) T_base_tip: the point of the ball that touches first, +z towards the object."""
+        rotation = rotation_between((0.0, 0.0, 1.0), self._axis)
+        return transform(rotation, self._middle() + self.params.radius * self._axis)
+
+    def object_positions(self) -> dict[str, float]:
+        """Position of every movable joint [rad or m]."""
+        names = list(self.model.joints)
+        values, _ = self._object.joint_states(names)
+        return dict(zip(names, values.tolist(), strict=True))
+
+    def set_object_positions(self, positions: dict[str, float]) -> None:
+        """Put joints somewhere, at rest; for tests, pictures and openings to start from."""
+        self._object.set_joints(positions)
+        self._bullet.update_collisions()
+
+    def open_ratios(self) -> dict[str, float]:
+        """0 = closed, 1 = open, by joint."""
+        at = self.object_positions()
+        return {name: joint.open_ratio(at[name]) for name, joint in self.model.joints.items()}
+
+    @property
+    def open_ratio(self) -> float:
+        """Of the target joint."""
+        return self.open_ratios()[self.model.target_joint]
+
+    def ground_truth_flow(self, points: object, *, target_only: bool = False) -> GroundTruth:
+        """True flow of (N, 3) points; see FlowOracle.flow."""
+        return self._oracle.flow(
+            points, self.object_pose, self.object_positions(), target_only=target_only
+        )
+
+    def parts(self) -> tuple[Part, ...]:
+        """Everything that can be seen."""
+        return self._parts
+
+    def part_poses(self) -> dict[str, Array]:
+        """(4, 4) T_base_part of everything in `parts`, now."""
+        moved = self.model.displacements(self.object_positions())
+        poses = {f"object/{name}": self.object_pose @ matrix for name, matrix in moved.items()}
+        return {**poses, "gripper": transform(translation=self._middle())}
+
+    def observe(self, count: int = 1200) -> Observation:
+        """Take a picture and keep `count` of the object's pixels, in random order.
+
+        The gripper is not in the picture: the reference drops its pixels. If fewer pixels show the
+        object, they are repeated.
+
+        Raises:
+            InvalidCloudError: nothing of the object can be seen.
+        """
+        image = self.camera.render(self.part_poses())
+        cloud = self.camera.cloud(image)
+        if not len(cloud):
+            raise InvalidCloudError(
+                "nothing of the object can be seen",
+                got=f"{self.model.name} from {self.params.eye}",
+                hint="check eye and look_at",
+            )
+        order = self._rng.permutation(len(cloud))
+        chosen = np.resize(order, count)
+        labels = image.labels[image.depth > 0][chosen]
+        names = [name.removeprefix("object/") for name in image.names]
+        return Observation(cloud[chosen], tuple(names[i] for i in labels), image)
+
+    def command_suction(self, vacuum: float) -> None:
+        """Switch the suction on (any vacuum > 0) or off [Pa]; on takes hold of what is touched."""
+        self._vacuum = float(vacuum)
+        if vacuum <= 0:
+            self._release()
+            self._detached = False
+        elif self._grasp is None:
+            self._bullet.update_collisions()
+            self._try_to_hold()
+
+    def suction(self) -> SuctionReading:
+        """What a pump would measure."""
+        held = self._grasp is not None
+        return SuctionReading(self._vacuum if held else 0.0, held, self._detached)
+
+    def held_link(self) -> str | None:
+        """Name of the link that is held."""
+        return None if self._grasp is None else self._object.link_names[self._grasp.link]
+
+    def execute(self, goal: MotionGoal) -> MotionResult:
+        """Do one motion to its end.
+
+        Raises:
+            MotionRejectedError: an approach without contact, or a motion without direction.
+        """
+        start, ticks = self.tip_pose(), self._ticks
+        if goal.kind is MotionKind.RETREAT:
+            self._release()
+            self._park()
+            reason, fraction, message = MotionReason.REACHED, 1.0, ""
+        else:
+            if goal.direction is None:
+                raise MotionRejectedError(f"{goal.kind} without a direction", allowed="a vector")
+            direction = unit(goal.direction)
+            if goal.kind is MotionKind.APPROACH:
+                reason, fraction, message = self._approach(goal.contact, direction)
+            elif goal.kind is MotionKind.PROBE:
+                reason, fraction, message = self._probe(direction, goal.distance)
+            else:
+                reason, fraction, message = self._pull(direction, goal.distance)
+        return MotionResult(
+            goal.kind,
+            reason,
+            message,
+            float(np.clip(fraction, 0.0, 1.0)),
+            start,
+            self.tip_pose(),
+            contact=reason in (MotionReason.CONTACT, MotionReason.VACUUM),
+            vacuum=self._grasp is not None,
+            duration=(self._ticks - ticks) * self.params.time_step,
+        )
+
+    def _approach(self, contact: Array | None, flow: Array) -> tuple[MotionReason, float, str]:
+        if contact is None:
+            raise MotionRejectedError("approach without a contact point", allowed="(3,) in base")
+        self._release()
+        self._axis = -flow
+        self._aim_at(np.asarray(contact, dtype=float))
+        self._place(np.asarray(contact) + (self.params.standoff + self.params.radius) * flow)
+        return MotionReason.REACHED, 1.0, ""
+
+    def _probe(self, direction: Array, distance: float) -> tuple[MotionReason, float, str]:
+        per_step = self.params.speed * self.params.time_step
+        steps = round(distance / per_step) if distance > 0 else self.params.probe_steps
+        for step in range(steps):
+            self._drive(direction)
+            if self._touching() is not None:
+                self._stop()
+                held = self._vacuum > 0 and self._try_to_hold()
+                reason = MotionReason.VACUUM if held else MotionReason.CONTACT
+                return reason, (step + 1) / steps, ""
+        self._stop()
+        return MotionReason.NO_CONTACT, 1.0, f"nothing within {steps * per_step:.3f} m"
+
+    def _pull(self, direction: Array, distance: float) -> tuple[MotionReason, float, str]:
+        if self._grasp is None:
+            return MotionReason.SUCTION_LOST, 0.0, "nothing is held"
+        per_step = self.params.speed * self.params.time_step
+        steps = round(distance / per_step) if distance > 0 else self.params.pull_steps
+        before = self._held_point()
+        for _ in range(steps):
+            self._drive(direction)
+        self._stop()
+        moved = float(np.linalg.norm(self._held_point() - before))
+        # The ball may have been drawn away from a part that could not follow: it goes back to it.
+        self._place(self._held_point() - self.params.radius * self._axis)
+        closed = [
+            name
+            for name, value in self.object_positions().items()
+            if value < self.model.joints[name].lower - self.params.below_closed
+        ]
+        if closed:
+            self._object.set_joints({name: self.model.joints[name].lower for name in closed})
+            self._release()
+            self._detached = True
+            message = f"{', '.join(closed)} was pressed below closed; set to closed, grasp given up"
+            return MotionReason.SUCTION_LOST, moved / (steps * per_step), message
+        return MotionReason.REACHED, moved / (steps * per_step), ""
+
+    def _drive(self, direction: Array) -> None:
+        p.resetBaseVelocity(
+            self._gripper,
+            (self.params.speed * direction).tolist(),
+            [0, 0, 0],
+            physicsClientId=self._bullet.client,
+        )
+        self._bullet.step()
+        self._ticks += 1
+
+    def _stop(self) -> None:
+        zero = [0.0, 0.0, 0.0]
+        client = self._bullet.client
+        p.resetBaseVelocity(self._gripper, zero, zero, physicsClientId=client)
+        # The part stands still between motions, as it would at the end of a robot's step.
+        self._object.set_joints(self.object_positions())
+
+    def _place(self, middle: Array) -> None:
+        client = self._bullet.client
+        p.resetBasePositionAndOrientation(
+            self._gripper, middle.tolist(), [0, 0, 0, 1], physicsClientId=client
+        )
+        p.resetBaseVelocity(self._gripper, [0, 0, 0], [0, 0, 0], physicsClientId=client)
+
+    def _park(self) -> None:
+        self._axis = np.array([1.0, 0.0, 0.0])
+        self._place(np.array([-5.0, 0.0, 5.0]))
+
+    def _middle(self) -> Array:
+        return self._bullet.link_pose(self._gripper, -1)[:3, 3]
+
+    def _touching(self) -> tuple[int, Array] | None:
+        """Link and point of the deepest contact with the object."""
+        points = p.getContactPoints(
+            self._gripper, self._object.id, physicsClientId=self._bullet.client
+        )
+        touching = [c for c in points if c[8] <= 0.0]
+        if not touching:
+            return None
+        deepest = min(touching, key=lambda c: (c[8], c[4]))
+        return deepest[4], np.array(deepest[6])
+
+    def _try_to_hold(self) -> bool:
+        touched = self._touching()
+        if touched is None:
+            return False
+        link, point = touched
+        client = self._bullet.client
+        pose = self._bullet.link_pose(self._object.id, link)
+        # Constraint frames are those of the centre of mass.
+        if link < 0:
+            centre = pose
+        else:
+            state = p.getLinkState(self._object.id, link, physicsClientId=client)
+            rotation = np.array(p.getMatrixFromQuaternion(state[1])).reshape(3, 3)
+            centre = transform(rotation, state[0])
+        self._place(point - self.params.radius * self._axis)
+        constraint = p.createConstraint(
+            self._gripper,
+            -1,
+            self._object.id,
+            link,
+            p.JOINT_POINT2POINT,
+            [0, 0, 0],
+            (self.params.radius * self._axis).tolist(),
+            apply(inverse(centre), point).tolist(),
+            physicsClientId=client,
+        )
+        p.changeConstraint(constraint, maxForce=self.params.grip_force, physicsClientId=client)
+        self._grasp = _Grasp(link, apply(inverse(pose), point), constraint)
+        # Left on, the ball wedges itself against the part that it pulls: 17 of 25 instead of 25.
+        self._set_collisions(on=False)
+        return True
+
+    def _held_point(self) -> Array:
+        grasp = self._grasp
+        if grasp is None:
+            return self.tip_pose()[:3, 3]
+        return apply(self._bullet.link_pose(self._object.id, grasp.link), grasp.local)
+
+    def _release(self) -> None:
+        if self._grasp is not None:
+            client = self._bullet.client
+            p.removeConstraint(self._grasp.constraint, physicsClientId=client)
+            self._grasp = None
+            self._set_collisions(on=True)
+
+    def _aim_at(self, contact: Array) -> None:
+        """Choose the link that the gripper may touch: the nearest one to the contact point."""
+        points = contact[None].astype(np.float32)
+        nearest = int(self._oracle.owners(points, self.object_pose, self.object_positions())[0])
+        if self.params.passes_others and nearest >= 0:
+            self._aim = self._object.links[list(self.model.links)[nearest]]
+        else:
+            self._aim = None
+        self._set_collisions(on=True)
+
+    def _set_collisions(self, *, on: bool) -> None:
+        client = self._bullet.client
+        mask = ENVIRONMENT_GROUP if on else 0
+        p.setCollisionFilterGroupMask(self._gripper, -1, ROBOT_GROUP, mask, physicsClientId=client)
+        for link in self._object.link_names:
+            wanted = int(on and self._aim in (None, link))
+            p.setCollisionFilterPair(
+                self._gripper, self._object.id, -1, link, wanted, physicsClientId=client
+            )
