@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from flowbothd_common.motion import MotionGoal, MotionKind
 from flowbothd_common.types import Outcome, SuctionPhase
-from flowbothd_policy.commands import Observe
+from flowbothd_policy.commands import Finish, Observe
 from flowbothd_policy.grasp_selection import Place
 from flowbothd_policy.state import After, Choice, Phase, Turn
 
@@ -111,8 +111,9 @@ def after_retreat(turn: Turn, reason: str) -> None:
 
 def finish(turn: Turn, outcome: Outcome, reason: str) -> None:
     """Finish at once, where the arm is."""
-    turn.finish(outcome, reason)
+    turn.set(phase=Phase.FINISHED, ending=(outcome, reason), attached=False)
     turn.say("finish", reason)
+    turn.do(Finish(outcome, reason))
 
 
 def interrupted(turn: Turn, reason: str) -> None:

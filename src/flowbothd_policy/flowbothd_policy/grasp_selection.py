@@ -21,6 +21,7 @@ from flowbothd_policy.params import GraspParams
 from flowbothd_policy.screw import Screw, fit_screw
 
 _DIRECTIONS = 16
+_MAX_CANDIDATES = 64
 _STILL = 1e-6
 
 
@@ -147,25 +148,22 @@ def _most_surrounded(
     Among candidates that lie far enough from the edge the largest norm wins; if there is none,
     the one farthest from it.
     """
-    moving = np.flatnonzero(norms > 0.2 * float(norms.max()))
-    cloud = points[moving].astype(float)
+    cloud = points[norms > 0.2 * float(norms.max())].astype(float)
     spacing = _spacing(cloud)
     leverages = norms[candidates].astype(float)
     if screw is not None:
         # The fitted motion ranks places without the noise of single points.
-        fitted = np.array(
-            [np.linalg.norm(screw.flow_at(points[i].astype(float))) for i in candidates]
-        )
-        leverages = np.minimum(fitted, 1.5)
-    distances = np.array(
-        [
-            _edge_distance(points[i].astype(float), flow[i], cloud, spacing, params)
-            for i in candidates
-        ]
-    )
-    enough = distances >= params.edge_margin
-    best = np.argmax(np.where(enough, leverages, -1.0)) if enough.any() else np.argmax(distances)
-    return int(candidates[best]), float(distances[best])
+        places = points[candidates].astype(float)
+        leverages = np.array([np.linalg.norm(screw.flow_at(place)) for place in places])
+    order = candidates[np.argsort(-leverages, kind="stable")]
+    best, best_distance = int(order[0]), -np.inf
+    for index in order[:: 1 + (len(order) - 1) // _MAX_CANDIDATES]:
+        distance = _edge_distance(points[index].astype(float), flow[index], cloud, spacing, params)
+        if distance > best_distance:
+            best, best_distance = int(index), distance
+        if distance >= params.edge_margin:
+            break
+    return best, best_distance
 
 
 def _spacing(cloud: Array) -> float:
@@ -191,9 +189,10 @@ def _edge_distance(
     around = near[np.linalg.norm(near - point, axis=1) < max(params.edge_margin, 3 * spacing)]
     if len(around) < 5:
         return -1.0
-    normal = np.linalg.svd(around - around.mean(axis=0), full_matrices=False)[2][2]
-    off_plane = np.abs((around - point) @ normal)
-    if float(np.quantile(off_plane, 0.9)) > params.flatness:
+    centred = around - around.mean(axis=0)
+    normal = np.linalg.eigh(centred.T @ centred)[1][:, 0]
+    off_plane = np.sort(np.abs((around - point) @ normal))
+    if off_plane[int(0.9 * (len(off_plane) - 1))] > params.flatness:
         return -0.5
     facing = float(np.abs(normal @ unit(flow)))
     if facing < np.cos(params.max_tilt):

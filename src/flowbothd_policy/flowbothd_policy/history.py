@@ -67,7 +67,8 @@ def remember(memory: Memory, motion: Array, seen: History, params: PolicyParams)
     consistent = length > 0 and (
         memory.direction is None or angle_between(motion, memory.direction) < params.history_angle
     )
-    direction = motion if consistent else memory.direction
+    counts = consistent and length > params.consistency_min_motion
+    direction = motion if counts else memory.direction
     update = not params.history_filter or (consistent and length > params.epsilon_m)
     return Memory(direction, seen if update else memory.history, update)
 

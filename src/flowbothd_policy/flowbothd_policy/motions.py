@@ -83,14 +83,21 @@ def _after_approach(turn: Turn, result: MotionResult, said: str) -> None:
 def _unreachable(turn: Turn, said: str) -> None:
     count = turn.state.unreachable + 1
     avoid = _place(turn, turn.params.failed_radius)
-    avoided = turn.state.avoided
     if turn.params.reject_failed_directions and avoid is not None:
-        avoided = (*avoided, avoid)
-    turn.set(unreachable=count, avoided=avoided, away=False)
+        # One unreachable place may be bad luck of the planner; after a second one in the same
+        # direction the whole motion is held to be out of reach, not place after place along it.
+        if any(_alike(avoid, other, turn.params.failed_angle) for other in turn.state.avoided):
+            turn.set(refuted=(*turn.state.refuted, avoid))
+        turn.set(avoided=(*turn.state.avoided, avoid))
+    turn.set(unreachable=count, away=False)
     if count >= turn.params.max_unreachable:
         attempts.end(turn, Outcome.GAVE_UP, f"{said}; {count} grasps could not be reached")
     else:
         attempts.observe(turn, said)
+
+
+def _alike(a: Place, b: Place, angle: float) -> bool:
+    return a.radius == b.radius and angle_between(a.direction, b.direction) < angle
 
 
 def _after_probe(turn: Turn, result: MotionResult, said: str) -> None:

@@ -123,7 +123,7 @@ def draw(truth: Truth, params: OracleParams, samples: int, seed: int | None) -> 
 def _one(
     clean: NDArray[np.float32], open_ratio: float, params: OracleParams, rng: np.random.Generator
 ) -> NDArray[np.float32]:
-    flow = clean[0]
+    flow: NDArray[np.float32] = clean[0]
     if params.mode == "ambiguous":
         flow = _ambiguous(clean, open_ratio, params, rng)
     if not np.any(flow):
@@ -131,16 +131,19 @@ def _one(
     axis = rng.normal(size=3)
     turned = flow @ rotation_about(axis, rng.normal(scale=params.tilt)).T
     noisy = turned + rng.normal(scale=params.noise, size=flow.shape)
-    return max_normalised(noisy[None])[0]
+    result: NDArray[np.float32] = max_normalised(noisy[None])[0]
+    return result
 
 
 def _ambiguous(
     clean: NDArray[np.float32], open_ratio: float, params: OracleParams, rng: np.random.Generator
 ) -> NDArray[np.float32]:
     if open_ratio < params.open_threshold:
-        return np.asarray(clean[rng.integers(len(clean))], np.float32)
+        candidate: NDArray[np.float32] = clean[rng.integers(len(clean))]
+        return candidate
     if rng.random() >= params.wrong_mode_probability:
-        return np.asarray(clean[0], np.float32)
+        truth: NDArray[np.float32] = clean[0]
+        return truth
     # With a single candidate the wrong idea is that the part closes.
-    wrong = clean[rng.integers(1, len(clean))] if len(clean) > 1 else -clean[0]
-    return np.asarray(wrong, np.float32)
+    wrong: NDArray[np.float32] = clean[rng.integers(1, len(clean))] if len(clean) > 1 else -clean[0]
+    return wrong

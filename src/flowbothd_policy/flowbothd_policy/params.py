@@ -149,6 +149,13 @@ class PolicyParams:
     occluded_leverage_from_screw: bool = parameter(
         True, "off: always read the leverage at the nearest visible point, as the paper"
     )
+    consistency_min_motion: float = parameter(
+        0.0,
+        "motions up to this are not taken for the direction to be consistent with [m]; the paper's "
+        "0 lets the jitter of a failed step decide where nothing else filters it (compliance 0)",
+        minimum=0.0,
+        maximum=1.0,
+    )
     history_filter: bool = parameter(
         True, "HF: remember a prediction only if it moved the part as before"
     )

@@ -11,7 +11,8 @@ from flowbothd_common.types import ArcKind, Array, Cloud, JointArc
 
 _MOVING = 0.1
 _NEIGHBOURS = 40
-_ROUNDS = 8
+_STARTS = 10
+_ROUNDS = 6
 _MIN_INLIERS = 12
 
 
@@ -47,8 +48,9 @@ class Screw:
 def fit_screw(points: Cloud, flow: NDArray[np.float32], near: Array) -> Screw | None:
     """Fit the motion of the part around `near`, leaving out other parts and outliers.
 
-    The fit starts from the moving points nearest to `near` and takes in whatever moves with
-    them, so that a cabinet whose other doors move too still gives the one door's hinge.
+    Motions are fitted to several neighbourhoods and each takes in whatever moves with it; the
+    one that explains most points, `near` among them, wins. So of a cabinet whose other doors move
+    too the one door's hinge is found, even where two doors meet.
 
     Args:
         points: (N, 3) in base [m].
@@ -63,14 +65,13 @@ def fit_screw(points: Cloud, flow: NDArray[np.float32], near: Array) -> Screw | 
     f = flow[moving].astype(float)
     if len(p) < _MIN_INLIERS:
         return None
-    inliers = _grow(p, f)
+    inliers = _consensus(p, f)
     if inliers is None:
         return None
     p, f = p[inliers], f[inliers]
     line = np.mean(f, axis=0)
     line_error = _rms(f - line)
-    twist = _twist(p, f)
-    turning = _without_pitch(twist)
+    turning = _without_pitch(_twist(_rows(p), f))
     # A twist always fits at least as well as a line: it must earn its three further numbers.
     if turning is None or line_error**2 <= 1.1 * _rms(f - _field(turning, p)) ** 2 + 2.5e-3:
         rate = float(np.linalg.norm(line))
@@ -84,42 +85,74 @@ def fit_screw(points: Cloud, flow: NDArray[np.float32], near: Array) -> Screw | 
     return Screw(JointArc(ArcKind.ARC, omega / rate, foot), rate, error, len(p))
 
 
-def _grow(p: Array, f: Array) -> NDArray[np.bool_] | None:
-    nearest = np.argsort(np.linalg.norm(p, axis=1), kind="stable")[:_NEIGHBOURS]
-    # The neighbourhood is too small to tell a rotation from noise; as a translation it finds
+def _consensus(p: Array, f: Array) -> NDArray[np.bool_] | None:
+    """Which points move with those around the origin."""
+    rows = _rows(p)
+    order = np.argsort(np.linalg.norm(p, axis=1), kind="stable")
+    here = order[: min(10, len(order))]
+    centres = order[np.linspace(0, len(order) - 1, min(_STARTS, len(order))).astype(int)]
+    local = order[:_NEIGHBOURS]
+    spread = _residuals(rows, f, _twist(rows[local], f[local]))[local]
+    threshold = float(np.clip(3 * np.median(spread), 0.1, 0.3))
+    # A neighbourhood may be too small to tell a rotation from noise; as a translation it finds
     # the points that move alike, and their wider base then tells.
-    model = np.concatenate([np.zeros(3), np.median(f[nearest], axis=0)])
-    threshold = 0.3
-    inliers = np.zeros(len(p), dtype=bool)
+    starts = [np.concatenate([np.zeros(3), np.median(f[local], axis=0)])]
+    for centre in centres:
+        nearest = np.argsort(np.linalg.norm(p - p[centre], axis=1), kind="stable")[:_NEIGHBOURS]
+        starts.append(_twist(rows[nearest], f[nearest]))
+    best, best_score = None, 0.0
+    for start in starts:
+        inliers = _grow(rows, f, start, threshold)
+        if inliers is None:
+            continue
+        residual = _residuals(rows, f, _twist(rows[inliers], f[inliers]))
+        if float(np.median(residual[here])) > threshold:
+            continue
+        score = float(np.sum(np.maximum(0.0, 1 - (residual / threshold) ** 2)))
+        if score > best_score:
+            best, best_score = inliers, score
+    return best
+
+
+def _grow(rows: Array, f: Array, start: Array, threshold: float) -> NDArray[np.bool_] | None:
+    inliers = _residuals(rows, f, start) < 2 * threshold
     for _ in range(_ROUNDS):
-        residual = np.linalg.norm(f - _field(model, p), axis=1)
-        grown = residual < threshold
-        if np.count_nonzero(grown) < _MIN_INLIERS:
+        if np.count_nonzero(inliers) < _MIN_INLIERS:
             return None
+        grown = _residuals(rows, f, _twist(rows[inliers], f[inliers])) < threshold
         if np.array_equal(grown, inliers):
             break
         inliers = grown
-        model = _twist(p[inliers], f[inliers])
-        threshold = float(np.clip(3 * np.median(residual[inliers]), 0.1, 0.3))
-    return inliers
+    return inliers if np.count_nonzero(inliers) >= _MIN_INLIERS else None
+
+
+def _rows(p: Array) -> Array:
+    """(N, 3, 6) that maps angular and linear rate at the origin to the flow of each point."""
+    rows = np.zeros((len(p), 3, 6))
+    rows[:, 0, 1], rows[:, 0, 2] = p[:, 2], -p[:, 1]
+    rows[:, 1, 0], rows[:, 1, 2] = -p[:, 2], p[:, 0]
+    rows[:, 2, 0], rows[:, 2, 1] = p[:, 1], -p[:, 0]
+    rows[:, :, 3:] = np.eye(3)
+    return rows
+
+
+def _residuals(rows: Array, f: Array, twist: Array) -> Array:
+    return np.asarray(np.linalg.norm(f - rows @ twist, axis=1))
 
 
 def _field(twist: Array, p: Array) -> Array:
     return np.asarray(twist[3:] + np.cross(twist[:3], p))
 
 
-def _twist(p: Array, f: Array) -> Array:
+def _twist(rows: Array, f: Array) -> Array:
     """(6,) angular and linear rate at the origin, in the least squares sense."""
-    scale = max(float(np.sqrt(np.mean(p**2))), 1e-6)
-    q = p / scale
-    rows = np.zeros((len(q), 3, 6))
-    rows[:, 0, 1], rows[:, 0, 2] = q[:, 2], -q[:, 1]
-    rows[:, 1, 0], rows[:, 1, 2] = -q[:, 2], q[:, 0]
-    rows[:, 2, 0], rows[:, 2, 1] = q[:, 1], -q[:, 0]
-    rows[:, :, 3:] = np.eye(3)
-    solution = np.linalg.lstsq(rows.reshape(-1, 6), f.reshape(-1), rcond=1e-6)[0]
-    solution[:3] /= scale
-    return np.asarray(solution)
+    flat = rows.reshape(-1, 6)
+    # Points of a flat patch leave no direction undetermined, points on one line leave a rotation
+    # about it: the tiny ridge then chooses none.
+    normal = flat.T @ flat
+    scale = np.sqrt(np.maximum(np.diag(normal), 1e-12))
+    scaled = normal / np.outer(scale, scale) + 1e-9 * np.eye(6)
+    return np.asarray(np.linalg.solve(scaled, (flat.T @ f.reshape(-1)) / scale) / scale)
 
 
 def _without_pitch(twist: Array) -> Array | None:

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from flowbothd_common.motion import MotionGoal
 from flowbothd_common.types import Array, Outcome, SuctionPhase
-from flowbothd_policy.commands import Command, Decision, Finish, Move, SetSuction
+from flowbothd_policy.commands import Command, Decision, Move, SetSuction
 from flowbothd_policy.events import CloudArrived
 from flowbothd_policy.grasp_selection import Grasp, Place
 from flowbothd_policy.history import Memory
@@ -167,11 +167,6 @@ class Turn:
         """Ask the pump for a vacuum [Pa]; 0 = release."""
         self.set(pump_on=vacuum > 0)
         self.do(SetSuction(vacuum))
-
-    def finish(self, outcome: Outcome, reason: str) -> None:
-        """End the run now."""
-        self.set(phase=Phase.FINISHED, ending=(outcome, reason), attached=False)
-        self.do(Finish(outcome, reason))
 
     @property
     def opening(self) -> Opening:

@@ -1,0 +1,91 @@
+"""Where the cup goes."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from flowbothd_common.transforms import angle_between
+from flowbothd_policy.grasp_selection import Place, select_grasp
+from flowbothd_policy.oracle import OracleParams, draw
+from flowbothd_policy.params import GraspParams
+
+PAPER = GraspParams(edge_margin=0.0, direction="flow")
+
+
+@pytest.fixture
+def scene(make_door):
+    door = make_door("pull_left", seed=4)
+    points = door.observe()
+    return door, points, draw(door.truth(points), OracleParams(), 1, 7)[0]
+
+
+def test_without_margin_it_is_the_arg_max(scene):
+    _, points, flow = scene
+    grasp = select_grasp(points, flow, PAPER, leverage=0.2)
+    top = int(np.argmax(np.linalg.norm(flow, axis=1)))
+    assert grasp.index == top
+    np.testing.assert_array_equal(grasp.flow, flow[top].astype(float))
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_with_margin_the_cup_fits_on_the_leaf(make_door, seed):
+    door = make_door("pull_left", seed=seed)
+    points = door.observe()
+    flow = draw(door.truth(points), OracleParams(), 1, seed)[0]
+    grasp = select_grasp(points, flow, GraspParams(), leverage=0.2)
+    inset = min(door.width / 2 - abs(grasp.point[1]), grasp.point[2] - 0.02, 0.455 - grasp.point[2])
+    assert inset > 0.015
+    assert grasp.norm > 0.7 * grasp.largest
+    assert angle_between(grasp.flow, (-1, 0, 0)) < np.radians(12)
+
+
+def test_the_thin_edge_face_is_not_grasped():
+    """The face seen edge-on moves fastest, but along itself: no cup can pull it that way."""
+    rng = np.random.default_rng(0)
+    front = np.column_stack(
+        [np.full(500, 0.5), rng.uniform(-0.1, 0.1, 500), rng.uniform(0, 0.4, 500)]
+    )
+    edge = np.column_stack(
+        [0.5 + rng.uniform(0, 0.06, 300), np.full(300, -0.1), rng.uniform(0, 0.4, 300)]
+    )
+    points = np.concatenate([front, edge]).astype(np.float32)
+    flow = np.cross((0, 0, 1.0), points - (0.5, 0.1, 0)).astype(np.float32)
+    flow /= np.linalg.norm(flow, axis=1).max()
+    grasp = select_grasp(points, flow, GraspParams(), leverage=0.2)
+    assert grasp.point[1] > -0.095
+    assert grasp.point[0] == pytest.approx(0.5)
+
+
+def test_sparse_clouds_still_give_a_grasp():
+    rng = np.random.default_rng(0)
+    points = rng.uniform(-1, 1, (60, 3)).astype(np.float32)
+    points[:, 0] = 0
+    flow = np.tile(np.float32([1, 0, 0]), (60, 1))
+    grasp = select_grasp(points, flow, GraspParams(), leverage=0.2)
+    assert np.abs(grasp.point[1:]).max() < 0.9
+
+
+def test_avoided_places_are_kept_off(scene):
+    _, points, flow = scene
+    first = select_grasp(points, flow, GraspParams(), leverage=0.2)
+    avoid = Place(first.point, first.direction, 0.05)
+    second = select_grasp(
+        points, flow, GraspParams(), leverage=0.2, avoid=(avoid,), avoid_angle=np.radians(30)
+    )
+    assert np.linalg.norm(second.point - first.point) >= 0.05
+    opposite = replace(avoid, direction=-avoid.direction)
+    same = select_grasp(
+        points, flow, GraspParams(), leverage=0.2, avoid=(opposite,), avoid_angle=np.radians(30)
+    )
+    assert same.index == first.index
+
+
+def test_everything_avoided_or_still_gives_none(scene):
+    _, points, flow = scene
+    everywhere = Place(points.mean(axis=0), np.array([-1.0, 0, 0]), 10.0)
+    avoided = select_grasp(
+        points, flow, PAPER, leverage=0.2, avoid=(everywhere,), avoid_angle=np.pi / 2
+    )
+    assert avoided is None
+    assert select_grasp(points, np.zeros_like(flow), PAPER, leverage=0.2) is None
