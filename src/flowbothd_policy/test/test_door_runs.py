@@ -68,7 +68,8 @@ def test_contacts_are_counted_and_bounded(make_door, drive, allowed):
 def test_never_the_same_wrong_pull_twice(make_door, drive):
     """On a stuck door the four modes are tried before any of them is repeated."""
     for seed in range(3):
-        run = drive(make_door("pull_left", limit=1e-9), PolicyParams(seed=seed), AMBIGUOUS)
+        params = PolicyParams(seed=seed, max_recontacts=3)
+        run = drive(make_door("pull_left", limit=1e-9), params, AMBIGUOUS)
         approaches = [g for g in run.goals if g.kind is MotionKind.APPROACH][:4]
         tried = {(g.direction[0] > 0, g.contact[1] > 0) for g in approaches}
         assert len(tried) == 4

@@ -508,7 +508,7 @@ def test_the_switch_test_sees_through_the_arm():
         end = transform(translation=(0.5, 0.08, 0.2))
         start = transform(translation=(0.55, 0.08, 0.2))
         result = MotionResult(
-            MotionKind.FLOW_STEP, MotionReason.REACHED, "", 1.0, near_frame, end, vacuum=True
+            MotionKind.FLOW_STEP, MotionReason.REACHED, "", 1.0, start, end, vacuum=True
         )
         player.feed(
             MotionFinished(replace(result, tool_start=transform(translation=(0.55, 0.08, 0.2))))
