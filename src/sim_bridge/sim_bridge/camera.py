@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -152,6 +152,20 @@ class DepthCamera:
         Args:
             poses: (4, 4) T_base_part by name; parts without a pose are not there.
         """
+        exposure = self.exposing(poses)
+        while True:
+            try:
+                next(exposure)
+            except StopIteration as done:
+                image: DepthImage = done.value
+                return image
+
+    def exposing(self, poses: Mapping[str, Array]) -> Generator[None, None, DepthImage]:
+        """Take a picture in small pieces of work, with a yield after each; returns the image.
+
+        Ray casting does not let other threads run: who has something else to do meanwhile does it
+        between the pieces. The picture shows the poses as given, however long it takes.
+        """
         size = (self.intrinsics.height, self.intrinsics.width)
         depth = np.full(size, np.inf, dtype=np.float32)
         labels = np.full(size, -1, dtype=np.int16)
@@ -164,6 +178,7 @@ class DepthCamera:
             nearer = view.depth < window
             window[nearer] = view.depth[nearer]
             labels[view.rows, view.columns][nearer] = index
+            yield
         if self.noise is not None:
             depth = disturb(depth, self.noise, self._rng)
         measured = (depth >= self.intrinsics.near) & (depth <= self.intrinsics.far)

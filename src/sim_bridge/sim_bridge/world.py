@@ -273,12 +273,8 @@ class ArmWorld:
 
     def parts(self) -> tuple[Part, ...]:
         """Everything that can be seen, each in its own frame (object parts: object, closed)."""
-        middle = (_TABLE_LOW + _TABLE_HIGH) / 2
-        top = box_mesh(_TABLE_HIGH - _TABLE_LOW, _TABLE_COLOR)
-        moved = Mesh(top.vertices + middle, top.faces, top.color)
-        robot = [Part(f"robot/{n}", m) for n, m in robot_meshes(self._robot_text).items()]
         things = [Part(f"object/{n}", link.meshes) for n, link in self.model.links.items()]
-        return (Part("table", (moved,)), *things, *robot)
+        return (*static_parts(self._robot_text), *things)
 
     def part_poses(self) -> dict[str, Array]:
         """(4, 4) T_base_part of everything in `parts`, now."""
@@ -362,6 +358,15 @@ def robot_meshes(urdf_text: str) -> dict[str, tuple[Mesh, ...]]:
         for name, link in urdf.links.items()
     }
     return {name: meshes for name, meshes in found.items() if meshes}
+
+
+@functools.lru_cache(maxsize=4)
+def static_parts(urdf_text: str) -> tuple[Part, ...]:
+    """Table and robot; the same objects at every call, so that cameras can keep their scenes."""
+    middle = (_TABLE_LOW + _TABLE_HIGH) / 2
+    top = box_mesh(_TABLE_HIGH - _TABLE_LOW, _TABLE_COLOR)
+    table = Part("table", (Mesh(top.vertices + middle, top.faces, top.color),))
+    return (table, *(Part(f"robot/{n}", m) for n, m in robot_meshes(urdf_text).items()))
 
 
 def _below(urdf: Urdf, flange: str) -> frozenset[str]:
