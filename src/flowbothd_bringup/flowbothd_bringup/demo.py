@@ -7,7 +7,13 @@ import sys
 from pathlib import Path
 
 from flowbothd_bringup.environment import node_environment, own_domain
-from flowbothd_bringup.graph import RunOptions, sim_parameters, sim_processes, write_parameters
+from flowbothd_bringup.graph import (
+    RunOptions,
+    check_object,
+    sim_parameters,
+    sim_processes,
+    write_parameters,
+)
 from flowbothd_bringup.processes import NodeProcess, run_graph
 from flowbothd_bringup.scenes import scene_for
 from flowbothd_bringup.up import add_run_arguments
@@ -32,6 +38,7 @@ def run(arguments: argparse.Namespace) -> int:
     scene = scene_for(arguments.object)
     arguments.out.mkdir(parents=True, exist_ok=True)
     options = RunOptions(arguments.seed, arguments.mode, arguments.predictor)
+    check_object(scene, options)
     file = arguments.out / "parameters.yaml"
     write_parameters(file, sim_parameters(scene, options))
     operator = NodeProcess(

@@ -13,6 +13,7 @@ import yaml
 
 from flowbothd_bringup.processes import NodeProcess
 from flowbothd_bringup.scenes import Scene
+from sim_bridge.objects.registry import load_object
 
 NODES = {
     "bridge_node": "sim_bridge.bridge_node",
@@ -67,6 +68,15 @@ def write_parameters(path: Path, parameters: Parameters) -> None:
     """Write parameters as the ROS YAML file that `--params-file` takes."""
     content = {node: {"ros__parameters": values} for node, values in parameters.items()}
     path.write_text(yaml.safe_dump(content, sort_keys=True))
+
+
+def check_object(scene: Scene, options: RunOptions) -> None:
+    """Load the object once, so that what is wrong with it is said before six processes start.
+
+    Raises:
+        ObjectModelError: an unknown mode, or files that are missing or damaged.
+    """
+    load_object(scene.object, mode=options.mode or None, seed=options.seed)
 
 
 def sim_parameters(scene: Scene, options: RunOptions) -> Parameters:

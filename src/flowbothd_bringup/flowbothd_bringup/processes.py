@@ -34,10 +34,21 @@ class _Graph(Manager):
     def __init__(self, required: frozenset[str]) -> None:
         super().__init__()
         self._required = required
+        self._ending = False
+
+    def terminate(self) -> None:
+        """Stop all processes; those that are just being started, as soon as they have a pid.
+
+        A signal may come while honcho does not know every pid yet. Its own terminate would then
+        raise, and leave behind what has been started.
+        """
+        self._ending = True
+        if self._all_started():
+            super().terminate()
 
     def _any_stopped(self) -> bool:
         stopped = {name for name, p in self._processes.items() if p.get("returncode") is not None}
-        return self._terminating or bool(stopped & self._required)
+        return self._ending or bool(stopped & self._required)
 
 
 def run_graph(processes: Sequence[NodeProcess], environment: dict[str, str]) -> int:

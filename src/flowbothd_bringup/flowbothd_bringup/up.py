@@ -8,7 +8,13 @@ import tempfile
 from pathlib import Path
 
 from flowbothd_bringup.environment import node_environment, own_domain
-from flowbothd_bringup.graph import RunOptions, sim_parameters, sim_processes, write_parameters
+from flowbothd_bringup.graph import (
+    RunOptions,
+    check_object,
+    sim_parameters,
+    sim_processes,
+    write_parameters,
+)
 from flowbothd_bringup.processes import run_graph
 from flowbothd_bringup.scenes import scene_for
 
@@ -45,6 +51,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Run the graph until Ctrl-C."""
     scene = scene_for(arguments.object)
     options = RunOptions(arguments.seed, arguments.mode, arguments.predictor, start=arguments.start)
+    check_object(scene, options)
     domain = own_domain() if arguments.domain is None else arguments.domain
     environment = node_environment(domain)
     with tempfile.TemporaryDirectory(prefix="flowbothd-") as folder:

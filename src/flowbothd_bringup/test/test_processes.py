@@ -114,3 +114,13 @@ def test_a_node_follows_its_guardian_after_sigkill(tmp_path: Path):
     guardian.kill()
     guardian.wait(timeout=10)
     assert node.wait(timeout=10) == -signal.SIGTERM
+
+
+def test_ctrl_c_while_processes_are_being_started_leaves_nothing_behind():
+    """The incident: honcho's own handler raised KeyError 'pid', and the command line hung."""
+    graph = start([(f"node{i}", SLEEP, False) for i in range(6)])
+    children = descendants(graph, 1)
+    graph.send_signal(signal.SIGINT)
+    graph.communicate(timeout=60)
+    assert graph.returncode == 130
+    assert_gone(children)

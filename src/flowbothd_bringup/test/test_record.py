@@ -1,0 +1,78 @@
+"""Records of runs: summaries, signals per step, moments for pictures."""
+
+import json
+
+import numpy as np
+
+from flowbothd_bringup.record import RunRecord, StateSample, write_json
+from flowbothd_bringup.signals import plot_signals, step_signals
+
+
+def decision(time, step, **changes):
+    entry = {
+        "time": time,
+        "event": "motion_result",
+        "decision": "observe",
+        "reason": "",
+        "step": step,
+        "grasps": 1,
+        "trials": 0,
+        "chosen_sample": -1,
+        "history_updated": False,
+        "grasp_switched": False,
+        "outcome": "",
+    }
+    return entry | changes
+
+
+def a_record() -> RunRecord:
+    record = RunRecord("custom_door", "pull_left", 3, "ambiguous")
+    record.states = [StateSample(float(t), np.zeros(7), {}, 0.25 * t) for t in range(5)]
+    record.decisions = [
+        decision(0.5, 0, decision="resample", trials=1),
+        decision(0.6, 0, decision="resample", trials=2),
+        decision(1.0, 1, history_updated=True),
+        decision(2.0, 2),
+        decision(2.5, 2, decision="switch", grasp_switched=True, grasps=2),
+        decision(3.0, 3, grasps=2, history_updated=True),
+        decision(4.0, 3, grasps=2, outcome="opened", decision="finish"),
+    ]
+    record.motions = [{"peak_force": 12.34}, {"peak_force": 3.0}]
+    return record
+
+
+def test_the_summary_holds_what_the_demo_promises():
+    summary = a_record().summary()
+    assert summary["success"] is True and summary["open_ratio"] == 1.0
+    assert (summary["steps"], summary["grasps"], summary["resamples"]) == (3, 2, 2)
+    assert summary["peak_force"] == 12.3 and summary["sim_s"] == 4.0
+    assert summary["outcome"] == "opened"
+
+
+def test_a_run_without_an_outcome_is_no_success():
+    record = RunRecord("custom_door", "", 0, "oracle")
+    assert record.summary()["success"] is False
+    assert record.summary()["outcome"] == "not_opened"
+
+
+def test_open_means_more_than_nine_tenths():
+    record = a_record()
+    record.states[-1] = StateSample(4.0, np.zeros(7), {}, 0.9)
+    assert record.summary()["success"] is False
+
+
+def test_signals_belong_to_the_step_in_which_they_happened(tmp_path):
+    signals = step_signals(a_record())
+    assert [s.trials for s in signals] == [2, 0, 0]
+    assert [s.history_updated for s in signals] == [True, False, True]
+    assert [s.grasp_switched for s in signals] == [False, False, True]
+    assert [s.open_ratio for s in signals] == [0.25, 0.5, 0.75]
+    plot_signals(a_record(), tmp_path / "signals.png")
+    assert (tmp_path / "signals.png").stat().st_size > 5000
+
+
+def test_json_is_written_whole_or_not_at_all(tmp_path):
+    path = tmp_path / "summary.json"
+    write_json(path, {"array": np.arange(3), "flag": np.bool_(True)})
+    assert json.loads(path.read_text()) == {"array": [0, 1, 2], "flag": True}
+    assert [p.name for p in tmp_path.iterdir()] == ["summary.json"]
