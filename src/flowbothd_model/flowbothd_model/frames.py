@@ -1,0 +1,32 @@
+"""What is done to a cloud before the network sees it, and how flows are normalised."""
+
+from __future__ import annotations
+
+import torch
+from torch import Tensor
+
+from flowbothd_model.config import Frame
+
+
+def into_frame(frame: Frame, points: Tensor, others: Tensor | None) -> tuple[Tensor, Tensor | None]:
+    """Map clouds (B, N, 3), and with them a second cloud of the same scene (B, M, 3).
+
+    `world` leaves them as they are, as published. `centred` moves the mean of the first to zero
+    and scales its root mean square distance to one; the second goes with it, so that the motion
+    between them is kept. Flows are max-normalised and need no scale.
+    """
+    if frame is Frame.WORLD:
+        return points, others
+    mean = points.mean(1, keepdim=True)
+    spread = (points - mean).square().sum(-1).mean(1).sqrt().clamp(min=1e-6)[:, None, None]
+    return (points - mean) / spread, None if others is None else (others - mean) / spread
+
+
+def max_normalised(flow: Tensor) -> Tensor:
+    """(..., N, 3) flow over its largest norm plus 1e-6, cloud by cloud."""
+    return flow / (flow.norm(dim=-1).amax(-1) + 1e-6)[..., None, None]
+
+
+def finite(points: Tensor) -> bool:
+    """Whether every coordinate is."""
+    return bool(torch.isfinite(points).all())

@@ -1,0 +1,87 @@
+"""What a training run can be told."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from flowbothd_model.config import PRESETS
+
+
+@dataclass(frozen=True)
+class TrainConfig:
+    """Settings of a run.
+
+    Attributes:
+        out: Folder of the run.
+        init: Weights to begin with, empty = random ones.
+        preset: Which model.
+        data: `procedural`, or a PartNet-Mobility folder (mixed with procedural objects).
+        partnet_share: Share of PartNet objects where there are any.
+        steps: Optimiser steps of the whole run.
+        batch: Clouds per step and process.
+        draws: Noise levels per cloud.
+        rate: Peak learning rate; 0 = the preset's (compact 1e-3, others 1e-4).
+        warmup: Steps of linear warm-up.
+        decay: Share of the run, at its end, over which the rate falls to zero.
+        weight_decay: Of AdamW.
+        ema: Decay of the averaged weights.
+        clip: Largest gradient norm.
+        points: Per cloud.
+        robot_share: Share of views by a robot's camera.
+        workers: Data processes; 0 = in the training process.
+        seed: Of everything.
+        precision: `fp32` or `bf16` (mixed).
+        device: `auto`, `cpu` or `cuda`.
+        save_every: Steps between saved states.
+        validate_every: Steps between validations, 0 = never.
+        validation_samples: Clouds of the validation.
+    """
+
+    out: Path
+    init: str = ""
+    preset: str = "compact"
+    data: str = "procedural"
+    partnet_share: float = 0.5
+    steps: int = 20_000
+    batch: int = 32
+    draws: int = 2
+    rate: float = 0.0
+    warmup: int = 200
+    decay: float = 0.3
+    weight_decay: float = 1e-5
+    ema: float = 0.999
+    clip: float = 1.0
+    points: int = 1024
+    robot_share: float = 0.5
+    workers: int = 1
+    seed: int = 0
+    precision: str = "fp32"
+    device: str = "auto"
+    save_every: int = 200
+    validate_every: int = 1000
+    validation_samples: int = 48
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        if self.preset not in PRESETS:
+            raise ValueError(f"preset must be one of {sorted(PRESETS)}, got {self.preset!r}")
+        if self.precision not in ("fp32", "bf16"):
+            raise ValueError(f"precision must be fp32 or bf16, got {self.precision!r}")
+        for name in ("steps", "batch", "draws", "save_every", "validation_samples"):
+            if getattr(self, name) < 1:
+                raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
+
+    @property
+    def peak_rate(self) -> float:
+        """The peak learning rate."""
+        if self.rate:
+            return self.rate
+        return 1e-3 if self.preset == "compact" else 1e-4
+
+    def rate_at(self, step: int) -> float:
+        """Learning rate of one step: up, level, and down to zero at the end of the run."""
+        up = min(1.0, (step + 1) / max(1, self.warmup))
+        tail = self.decay * self.steps
+        down = min(1.0, (self.steps - step) / tail) if tail else 1.0
+        return self.peak_rate * min(up, max(0.0, down))
