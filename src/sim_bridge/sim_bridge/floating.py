@@ -9,13 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-import pybullet as p
 
 from flowbothd_common.errors import InvalidCloudError, MotionRejectedError
 from flowbothd_common.motion import MotionGoal, MotionKind, MotionReason, MotionResult
-from flowbothd_common.transforms import apply, inverse, look_at, rotation_between, transform, unit
+from flowbothd_common.transforms import look_at, rotation_between, transform, unit
 from flowbothd_common.types import Array, Cloud, SuctionReading
-from sim_bridge.bullet import ENVIRONMENT_GROUP, ROBOT_GROUP, Bullet
+from sim_bridge.ball_gripper import PARKED, BallGripper
+from sim_bridge.bullet import Bullet
 from sim_bridge.camera import PAPER_CAMERA, DepthCamera, DepthImage, Intrinsics
 from sim_bridge.ground_truth import FlowOracle, GroundTruth
 from sim_bridge.mesh import sphere_mesh
@@ -78,15 +78,6 @@ class Observation:
     image: DepthImage
 
 
-@dataclass(frozen=True)
-class _Grasp:
-    """What is held: link id, the point in that link's frame, the constraint."""
-
-    link: int
-    local: Array
-    constraint: int
-
-
 class FloatingWorld:
     """One object and one gripper; bit-identical for equal objects, seeds and calls."""
 
@@ -130,22 +121,17 @@ class FloatingWorld:
         self._rng = np.random.default_rng(seed)
         self._bullet.clear()
         self._object = self._bullet.load_object(self.model, self._path, self.object_pose)
-        client = self._bullet.client
-        ball = p.createCollisionShape(
-            p.GEOM_SPHERE, radius=self.params.radius, physicsClientId=client
+        numbers = self.params
+        self._gripper = BallGripper(
+            self._bullet,
+            self._object,
+            radius=numbers.radius,
+            mass=numbers.mass,
+            grip_force=numbers.grip_force,
         )
-        self._gripper: int = p.createMultiBody(self.params.mass, ball, physicsClientId=client)
-        p.changeDynamics(
-            self._gripper, -1, linearDamping=0.0, angularDamping=0.0, physicsClientId=client
-        )
-        self._grasp: _Grasp | None = None
         self._vacuum = 0.0
         self._detached = False
         self._ticks = 0
-        self._axis: Array = np.array([1.0, 0.0, 0.0])
-        self._aim: int | None = None
-        self._set_collisions(on=True)
-        self._park()
         self._bullet.update_collisions()
 
     @property
@@ -155,8 +141,8 @@ class FloatingWorld:
 
     def tip_pose(self) -> Array:
         """(4, 4) T_base_tip: the point of the ball that touches first, +z towards the object."""
-        rotation = rotation_between((0.0, 0.0, 1.0), self._axis)
-        return transform(rotation, self._middle() + self.params.radius * self._axis)
+        rotation = rotation_between((0.0, 0.0, 1.0), self._gripper.axis)
+        return transform(rotation, self._gripper.tip)
 
     def object_positions(self) -> dict[str, float]:
         """Position of every movable joint [rad or m]."""
@@ -193,7 +179,7 @@ class FloatingWorld:
         """(4, 4) T_base_part of everything in `parts`, now."""
         moved = self.model.displacements(self.object_positions())
         poses = {f"object/{name}": self.object_pose @ matrix for name, matrix in moved.items()}
-        return {**poses, "gripper": transform(translation=self._middle())}
+        return {**poses, "gripper": transform(translation=self._gripper.middle)}
 
     def observe(self, count: int = 1200) -> Observation:
         """Take a picture and keep `count` of the object's pixels, in random order.
@@ -222,20 +208,21 @@ class FloatingWorld:
         """Switch the suction on (any vacuum > 0) or off [Pa]; on takes hold of what is touched."""
         self._vacuum = float(vacuum)
         if vacuum <= 0:
-            self._release()
+            self._gripper.release()
             self._detached = False
-        elif self._grasp is None:
+        elif self._gripper.held_link is None:
             self._bullet.update_collisions()
-            self._try_to_hold()
+            self._gripper.hold()
 
     def suction(self) -> SuctionReading:
         """What a pump would measure."""
-        held = self._grasp is not None
+        held = self._gripper.held_link is not None
         return SuctionReading(self._vacuum if held else 0.0, held, self._detached)
 
     def held_link(self) -> str | None:
         """Name of the link that is held."""
-        return None if self._grasp is None else self._object.link_names[self._grasp.link]
+        link = self._gripper.held_link
+        return None if link is None else self._object.link_names[link]
 
     def execute(self, goal: MotionGoal) -> MotionResult:
         """Do one motion to its end.
@@ -245,8 +232,8 @@ class FloatingWorld:
         """
         start, ticks = self.tip_pose(), self._ticks
         if goal.kind is MotionKind.RETREAT:
-            self._release()
-            self._park()
+            self._gripper.release()
+            self._gripper.place(PARKED)
             reason, fraction, message = MotionReason.REACHED, 1.0, ""
         else:
             if goal.direction is None:
@@ -266,17 +253,17 @@ class FloatingWorld:
             start,
             self.tip_pose(),
             contact=reason in (MotionReason.CONTACT, MotionReason.VACUUM),
-            vacuum=self._grasp is not None,
+            vacuum=self._gripper.held_link is not None,
             duration=(self._ticks - ticks) * self.params.time_step,
         )
 
     def _approach(self, contact: Array | None, flow: Array) -> tuple[MotionReason, float, str]:
         if contact is None:
             raise MotionRejectedError("approach without a contact point", allowed="(3,) in base")
-        self._release()
-        self._axis = -flow
-        self._aim_at(np.asarray(contact, dtype=float))
-        self._place(np.asarray(contact) + (self.params.standoff + self.params.radius) * flow)
+        self._gripper.release()
+        self._gripper.axis = -flow
+        self._gripper.aim_at(self._link_at(np.asarray(contact, dtype=float)))
+        self._gripper.place_tip(np.asarray(contact) + self.params.standoff * flow)
         return MotionReason.REACHED, 1.0, ""
 
     def _probe(self, direction: Array, distance: float) -> tuple[MotionReason, float, str]:
@@ -284,142 +271,58 @@ class FloatingWorld:
         steps = round(distance / per_step) if distance > 0 else self.params.probe_steps
         for step in range(steps):
             self._drive(direction)
-            if self._touching() is not None:
+            if self._gripper.touching() is not None:
                 self._stop()
-                held = self._vacuum > 0 and self._try_to_hold()
+                held = self._vacuum > 0 and self._gripper.hold()
                 reason = MotionReason.VACUUM if held else MotionReason.CONTACT
                 return reason, (step + 1) / steps, ""
         self._stop()
         return MotionReason.NO_CONTACT, 1.0, f"nothing within {steps * per_step:.3f} m"
 
     def _pull(self, direction: Array, distance: float) -> tuple[MotionReason, float, str]:
-        if self._grasp is None:
+        if self._gripper.held_link is None:
             return MotionReason.SUCTION_LOST, 0.0, "nothing is held"
         per_step = self.params.speed * self.params.time_step
         steps = round(distance / per_step) if distance > 0 else self.params.pull_steps
-        before = self._held_point()
+        before = self._gripper.held_point()
         for _ in range(steps):
             self._drive(direction)
         self._stop()
-        moved = float(np.linalg.norm(self._held_point() - before))
+        after = self._gripper.held_point()
         # The ball may have been drawn away from a part that could not follow: it goes back to it.
-        self._place(self._held_point() - self.params.radius * self._axis)
-        closed = [
+        self._gripper.place_tip(after)
+        fraction = float(np.linalg.norm(after - before)) / (steps * per_step)
+        closed = self._close_what_is_below_closed()
+        if closed:
+            self._gripper.release()
+            self._detached = True
+            message = f"{', '.join(closed)} was pressed below closed; set to closed, grasp given up"
+            return MotionReason.SUCTION_LOST, fraction, message
+        return MotionReason.REACHED, fraction, ""
+
+    def _close_what_is_below_closed(self) -> list[str]:
+        below = [
             name
             for name, value in self.object_positions().items()
             if value < self.model.joints[name].lower - self.params.below_closed
         ]
-        if closed:
-            self._object.set_joints({name: self.model.joints[name].lower for name in closed})
-            self._release()
-            self._detached = True
-            message = f"{', '.join(closed)} was pressed below closed; set to closed, grasp given up"
-            return MotionReason.SUCTION_LOST, moved / (steps * per_step), message
-        return MotionReason.REACHED, moved / (steps * per_step), ""
+        self._object.set_joints({name: self.model.joints[name].lower for name in below})
+        return below
+
+    def _link_at(self, contact: Array) -> int | None:
+        """Id of the link that the gripper may touch: the nearest one to the contact point."""
+        points = contact[None].astype(np.float32)
+        nearest = int(self._oracle.owners(points, self.object_pose, self.object_positions())[0])
+        if not self.params.passes_others or nearest < 0:
+            return None
+        return self._object.links[list(self.model.links)[nearest]]
 
     def _drive(self, direction: Array) -> None:
-        p.resetBaseVelocity(
-            self._gripper,
-            (self.params.speed * direction).tolist(),
-            [0, 0, 0],
-            physicsClientId=self._bullet.client,
-        )
+        self._gripper.drive(self.params.speed * direction)
         self._bullet.step()
         self._ticks += 1
 
     def _stop(self) -> None:
-        zero = [0.0, 0.0, 0.0]
-        client = self._bullet.client
-        p.resetBaseVelocity(self._gripper, zero, zero, physicsClientId=client)
+        self._gripper.drive(np.zeros(3))
         # The part stands still between motions, as it would at the end of a robot's step.
         self._object.set_joints(self.object_positions())
-
-    def _place(self, middle: Array) -> None:
-        client = self._bullet.client
-        p.resetBasePositionAndOrientation(
-            self._gripper, middle.tolist(), [0, 0, 0, 1], physicsClientId=client
-        )
-        p.resetBaseVelocity(self._gripper, [0, 0, 0], [0, 0, 0], physicsClientId=client)
-
-    def _park(self) -> None:
-        self._axis = np.array([1.0, 0.0, 0.0])
-        self._place(np.array([-5.0, 0.0, 5.0]))
-
-    def _middle(self) -> Array:
-        return self._bullet.link_pose(self._gripper, -1)[:3, 3]
-
-    def _touching(self) -> tuple[int, Array] | None:
-        """Link and point of the deepest contact with the object."""
-        points = p.getContactPoints(
-            self._gripper, self._object.id, physicsClientId=self._bullet.client
-        )
-        touching = [c for c in points if c[8] <= 0.0]
-        if not touching:
-            return None
-        deepest = min(touching, key=lambda c: (c[8], c[4]))
-        return deepest[4], np.array(deepest[6])
-
-    def _try_to_hold(self) -> bool:
-        touched = self._touching()
-        if touched is None:
-            return False
-        link, point = touched
-        client = self._bullet.client
-        pose = self._bullet.link_pose(self._object.id, link)
-        # Constraint frames are those of the centre of mass.
-        if link < 0:
-            centre = pose
-        else:
-            state = p.getLinkState(self._object.id, link, physicsClientId=client)
-            rotation = np.array(p.getMatrixFromQuaternion(state[1])).reshape(3, 3)
-            centre = transform(rotation, state[0])
-        self._place(point - self.params.radius * self._axis)
-        constraint = p.createConstraint(
-            self._gripper,
-            -1,
-            self._object.id,
-            link,
-            p.JOINT_POINT2POINT,
-            [0, 0, 0],
-            (self.params.radius * self._axis).tolist(),
-            apply(inverse(centre), point).tolist(),
-            physicsClientId=client,
-        )
-        p.changeConstraint(constraint, maxForce=self.params.grip_force, physicsClientId=client)
-        self._grasp = _Grasp(link, apply(inverse(pose), point), constraint)
-        # Left on, the ball wedges itself against the part that it pulls: 17 of 25 instead of 25.
-        self._set_collisions(on=False)
-        return True
-
-    def _held_point(self) -> Array:
-        grasp = self._grasp
-        if grasp is None:
-            return self.tip_pose()[:3, 3]
-        return apply(self._bullet.link_pose(self._object.id, grasp.link), grasp.local)
-
-    def _release(self) -> None:
-        if self._grasp is not None:
-            client = self._bullet.client
-            p.removeConstraint(self._grasp.constraint, physicsClientId=client)
-            self._grasp = None
-            self._set_collisions(on=True)
-
-    def _aim_at(self, contact: Array) -> None:
-        """Choose the link that the gripper may touch: the nearest one to the contact point."""
-        points = contact[None].astype(np.float32)
-        nearest = int(self._oracle.owners(points, self.object_pose, self.object_positions())[0])
-        if self.params.passes_others and nearest >= 0:
-            self._aim = self._object.links[list(self.model.links)[nearest]]
-        else:
-            self._aim = None
-        self._set_collisions(on=True)
-
-    def _set_collisions(self, *, on: bool) -> None:
-        client = self._bullet.client
-        mask = ENVIRONMENT_GROUP if on else 0
-        p.setCollisionFilterGroupMask(self._gripper, -1, ROBOT_GROUP, mask, physicsClientId=client)
-        for link in self._object.link_names:
-            wanted = int(on and self._aim in (None, link))
-            p.setCollisionFilterPair(
-                self._gripper, self._object.id, -1, link, wanted, physicsClientId=client
-            )

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import functools
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,17 +14,13 @@ from flowbothd_common.motion import JointTrajectory, RobotObservation
 from flowbothd_common.types import Array, SuctionReading
 from sim_bridge.bullet import ENVIRONMENT_GROUP, ROBOT_GROUP, Bullet, ContactForce
 from sim_bridge.ground_truth import FlowOracle, GroundTruth
-from sim_bridge.mesh import Mesh, box_mesh
 from sim_bridge.objects.model import ObjectModel
 from sim_bridge.physics_urdf import write_object, write_robot
 from sim_bridge.scene import Part
 from sim_bridge.suction_cup import CupForce, CupParams, SuctionCup
+from sim_bridge.surroundings import TABLE_HIGH, TABLE_LOW, robot_meshes, static_parts
 from sim_bridge.trajectory import TrajectoryFollower
 from sim_bridge.urdf import Urdf, read_urdf
-
-_TABLE_LOW = np.array([-0.45, -0.85, -0.04])
-_TABLE_HIGH = np.array([1.25, 0.85, 0.0])
-_TABLE_COLOR = (0.62, 0.60, 0.57)
 
 
 @dataclass(frozen=True)
@@ -147,7 +142,7 @@ class ArmWorld:
         self.object_pose = np.array(object_pose, dtype=float)
         start = np.array(self.params.start if joint_positions is None else joint_positions)
         self._bullet.clear()
-        self._table = self._bullet.add_box(_TABLE_LOW, _TABLE_HIGH)
+        self._table = self._bullet.add_box(TABLE_LOW, TABLE_HIGH)
         self._object = self._bullet.load_object(self.model, self._object_path, self.object_pose)
         self._robot = self._bullet.load(self._robot_path, np.eye(4), ROBOT_GROUP, ENVIRONMENT_GROUP)
         self._filter_robot()
@@ -347,26 +342,6 @@ class ArmWorld:
                 got=missing,
                 allowed=[*urdf.joints, *urdf.links],
             )
-
-
-@functools.lru_cache(maxsize=4)
-def robot_meshes(urdf_text: str) -> dict[str, tuple[Mesh, ...]]:
-    """Visual meshes of a robot's links in their link frames, by link name."""
-    urdf = read_urdf(urdf_text)
-    found = {
-        name: tuple(mesh for shape in link.visuals for mesh in shape.meshes())
-        for name, link in urdf.links.items()
-    }
-    return {name: meshes for name, meshes in found.items() if meshes}
-
-
-@functools.lru_cache(maxsize=4)
-def static_parts(urdf_text: str) -> tuple[Part, ...]:
-    """Table and robot; the same objects at every call, so that cameras can keep their scenes."""
-    middle = (_TABLE_LOW + _TABLE_HIGH) / 2
-    top = box_mesh(_TABLE_HIGH - _TABLE_LOW, _TABLE_COLOR)
-    table = Part("table", (Mesh(top.vertices + middle, top.faces, top.color),))
-    return (table, *(Part(f"robot/{n}", m) for n, m in robot_meshes(urdf_text).items()))
 
 
 def _below(urdf: Urdf, flange: str) -> frozenset[str]:
