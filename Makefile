@@ -32,8 +32,8 @@ format: setup ## format the code and sort its imports
 	$(BIN)/ruff check --fix src tests tools
 
 colcon: setup ## build and test the Python packages with colcon, without any ROS sourced
-	cd ros2_ws && ../$(BIN)/colcon build --packages-skip flowbothd_interfaces
-	cd ros2_ws && ../$(BIN)/colcon test --packages-skip flowbothd_interfaces --pytest-args -m "not ros and not slow"
+	cd ros2_ws && ../$(BIN)/colcon build --packages-ignore flowbothd_interfaces
+	cd ros2_ws && ../$(BIN)/colcon test --packages-ignore flowbothd_interfaces --pytest-args -m "not ros and not e2e and not slow"
 	cd ros2_ws && ../$(BIN)/colcon test-result --verbose
 
 docs: setup ## write the generated tables of docs/interfaces.md again

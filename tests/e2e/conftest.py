@@ -14,6 +14,8 @@ from pathlib import Path
 import psutil
 import pytest
 
+FLOWBOTHD = (sys.executable, "-m", "flowbothd_bringup.cli")
+
 START_TIMEOUT = 120.0
 """Ten times what six processes take to start on two idle cores."""
 
@@ -38,8 +40,7 @@ class Graph:
         self.log = log
         self._file = log.open("w")
         self.process = subprocess.Popen(
-            [sys.executable, "-m", "flowbothd_bringup.cli", "up", "sim"]
-            + [*arguments, "--domain", str(self.domain)],
+            [*FLOWBOTHD, "up", "sim", *arguments, "--domain", str(self.domain)],
             stdout=self._file,
             stderr=subprocess.STDOUT,
         )

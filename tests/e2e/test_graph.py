@@ -29,6 +29,17 @@ SLACK = 0.5
 """For the ear of this test, which shares two cores with the graph."""
 
 
+def demo(out, *arguments, timeout) -> subprocess.CompletedProcess:
+    command = (sys.executable, "-m", "flowbothd_bringup.cli", "demo", *arguments)
+    return subprocess.run(
+        [*command, "--out", str(out)],
+        capture_output=True,
+        text=True,
+        timeout=timeout,
+        check=False,
+    )
+
+
 def moving(graph) -> bool:
     return bool(graph.joints) and np.abs(graph.joints[-1][1]).max() > 0.05
 
@@ -77,14 +88,8 @@ def test_graphs_in_different_domains_do_not_see_each_other(start_graph):
 
 
 def test_the_demo_opens_the_door_and_writes_its_report(tmp_path):
-    done = subprocess.run(
-        [sys.executable, "-m", "flowbothd_bringup.cli", "demo", "--seed", "1"]
-        + ["--mode", "push_left", "--predictor", "oracle", "--out", str(tmp_path)],
-        capture_output=True,
-        text=True,
-        timeout=360,
-        check=False,
-    )
+    options = ("--seed", "1", "--mode", "push_left", "--predictor", "oracle")
+    done = demo(tmp_path, *options, timeout=360)
     assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-2000:]
     summary = json.loads((tmp_path / "summary.json").read_text())
     assert summary["success"] is True and summary["open_ratio"] > 0.9
@@ -102,14 +107,7 @@ def test_the_demo_opens_the_door_and_writes_its_report(tmp_path):
     ],
 )
 def test_bad_input_ends_with_a_clear_message(tmp_path, arguments, said):
-    done = subprocess.run(
-        [sys.executable, "-m", "flowbothd_bringup.cli", "demo", *arguments]
-        + ["--out", str(tmp_path)],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
+    done = demo(tmp_path, *arguments, timeout=120)
     assert done.returncode == 2
     assert said in done.stdout + done.stderr
     assert "Traceback" not in done.stdout + done.stderr

@@ -1,0 +1,45 @@
+"""The same sources build and test with colcon, with no ROS sourced."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+pytestmark = [pytest.mark.e2e, pytest.mark.timeout(600)]
+
+
+def colcon(folder: Path, verb: str, *arguments: str) -> subprocess.CompletedProcess:
+    bases = ("--build-base", str(folder / "build"), "--install-base", str(folder / "install"))
+    return subprocess.run(
+        [str(Path(sys.executable).parent / "colcon"), "--log-base", str(folder / "log"), verb, *bases, *arguments],
+        cwd=ROOT / "ros2_ws",
+        env={**os.environ, "AMENT_PREFIX_PATH": sys.prefix},
+        capture_output=True,
+        text=True,
+        timeout=500,
+        check=False,
+    )
+
+
+def test_colcon_builds_every_python_package_and_runs_their_tests(tmp_path):
+    # Ignored, not skipped: the messages are already in the environment, built against its wheels.
+    ignore = ("--packages-ignore", "flowbothd_interfaces")
+    built = colcon(tmp_path, "build", *ignore)
+    assert built.returncode == 0, built.stdout + built.stderr
+    packages = sorted(p.parent.name for p in (ROOT / "src").glob("*/setup.py"))
+    for package in packages:
+        assert (tmp_path / "install" / package / "share" / package / "package.xml").is_file()
+    for node in ("policy_node", "inference_node"):
+        assert (tmp_path / "install" / "flowbothd_policy" / "lib/flowbothd_policy" / node).is_file()
+    launch = tmp_path / "install/flowbothd_bringup/share/flowbothd_bringup/launch/sim.launch.py"
+    assert launch.is_file()
+    # Two packages suffice: the others' tests run in this very test run already.
+    chosen = ("--packages-select", "flowbothd_common", "flowbothd_policy")
+    select = ("--pytest-args", "-m", "not ros and not slow")
+    tested = colcon(tmp_path, "test", *ignore, *chosen, "--return-code-on-test-failure", *select)
+    assert tested.returncode == 0, tested.stdout + tested.stderr
+    results = list((tmp_path / "build").glob("*/pytest.xml"))
+    assert len(results) == 2 and all('tests="0"' not in r.read_text() for r in results)
