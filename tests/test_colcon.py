@@ -13,8 +13,9 @@ pytestmark = [pytest.mark.e2e, pytest.mark.timeout(600)]
 
 def colcon(folder: Path, verb: str, *arguments: str) -> subprocess.CompletedProcess:
     bases = ("--build-base", str(folder / "build"), "--install-base", str(folder / "install"))
+    program = str(Path(sys.executable).parent / "colcon")
     return subprocess.run(
-        [str(Path(sys.executable).parent / "colcon"), "--log-base", str(folder / "log"), verb, *bases, *arguments],
+        [program, "--log-base", str(folder / "log"), verb, *bases, *arguments],
         cwd=ROOT / "ros2_ws",
         env={**os.environ, "AMENT_PREFIX_PATH": sys.prefix},
         capture_output=True,

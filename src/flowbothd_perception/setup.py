@@ -8,7 +8,6 @@ setup(
     name=NAME,
     version="0.1.0",
     description="From camera to object cloud: crop, robot-body filter, outlier removal, sampling.",
-    license="Apache-2.0",
     packages=find_packages(include=[NAME, NAME + ".*"]),
     package_data={NAME: ["**/*.yaml", "**/*.json", "**/*.xml", "py.typed"]},
     data_files=[

@@ -8,7 +8,6 @@ setup(
     name=NAME,
     version="0.1.0",
     description="Motion and suction for a Franka arm with a suction cup.",
-    license="Apache-2.0",
     packages=find_packages(include=[NAME, NAME + ".*"]),
     package_data={NAME: ["**/*.yaml", "**/*.json", "**/*.xml", "py.typed"]},
     data_files=[
