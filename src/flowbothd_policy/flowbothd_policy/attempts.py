@@ -91,13 +91,13 @@ def let_go(turn: Turn, reason: str, decision: str) -> None:
 def retreat(turn: Turn, reason: str, decision: str = "retreat") -> None:
     """Go back to the start pose, or straight to what follows if the arm is there."""
     if not turn.state.away:
-        after_retreat(turn, reason)
+        after_retreat(turn, reason, decision)
         return
     turn.move(MotionGoal(MotionKind.RETREAT), Phase.RETREATING)
     turn.say(decision, reason)
 
 
-def after_retreat(turn: Turn, reason: str) -> None:
+def after_retreat(turn: Turn, reason: str, decision: str = "observe") -> None:
     """Carry on from the start pose."""
     state = turn.state
     if state.ending is not None:
@@ -106,7 +106,7 @@ def after_retreat(turn: Turn, reason: str) -> None:
         turn.set(after_retreat=After.OBSERVE)
         approach(turn, state.choice, "to the new grasp point")
     else:
-        observe(turn, reason)
+        observe(turn, reason, "observe" if decision == "retreat" else decision)
 
 
 def finish(turn: Turn, outcome: Outcome, reason: str) -> None:

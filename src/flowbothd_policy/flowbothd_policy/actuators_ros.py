@@ -1,0 +1,206 @@
+"""The policy node's way to motion, suction and inference: asks by futures, never spins."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from rclpy.action import ActionClient
+from rclpy.node import Node
+from rclpy.task import Future
+from std_msgs.msg import Header
+from std_srvs.srv import Trigger
+
+from flowbothd_common.errors import FlowBotError
+from flowbothd_common.motion import MotionGoal, MotionKind, MotionReason, MotionResult
+from flowbothd_common.ros import clouds
+from flowbothd_common.ros.conversions import (
+    from_result,
+    to_arc,
+    to_point,
+    to_stamp,
+    to_vector3,
+)
+from flowbothd_common.types import SuctionPhase
+from flowbothd_interfaces.action import Approach, FlowStep, Probe, Retreat
+from flowbothd_interfaces.msg import PolicyEvent
+from flowbothd_interfaces.srv import PredictFlow, SetSuction
+from flowbothd_policy.commands import Decision, Predict
+from flowbothd_policy.events import (
+    Event,
+    MotionFinished,
+    PredictionArrived,
+    PredictionFailed,
+    SuctionChanged,
+)
+
+_ACTIONS = {
+    MotionKind.APPROACH: Approach,
+    MotionKind.PROBE: Probe,
+    MotionKind.FLOW_STEP: FlowStep,
+    MotionKind.RETREAT: Retreat,
+}
+
+
+class Actuators:
+    """Carries the policy's commands out; every answer comes back as an event.
+
+    Args:
+        node: Whose executor serves the futures.
+        emit: Takes the events.
+        base_frame: Frame of all goals.
+    """
+
+    def __init__(self, node: Node, emit: Callable[[Event], None], base_frame: str) -> None:
+        self._node, self._emit, self._base_frame = node, emit, base_frame
+        self._motions = {
+            kind: ActionClient(node, action, f"motion/{kind.value}")
+            for kind, action in _ACTIONS.items()
+        }
+        self._stop = node.create_client(Trigger, "motion/stop")
+        self._suction = node.create_client(SetSuction, "suction/set")
+        self._predict = node.create_client(PredictFlow, "predict_flow")
+        self._goal_number = 0
+        self._request_number = 0
+
+    def missing(self) -> list[str]:
+        """Names of services and actions that nobody serves."""
+        services = {
+            "motion/stop": self._stop.service_is_ready(),
+            "suction/set": self._suction.service_is_ready(),
+            "predict_flow": self._predict.service_is_ready(),
+        }
+        actions = {
+            f"motion/{kind.value}": client.server_is_ready()
+            for kind, client in self._motions.items()
+        }
+        return [name for name, ready in {**services, **actions}.items() if not ready]
+
+    def close(self) -> None:
+        """Give up the action clients, which the node does not destroy by itself."""
+        for client in self._motions.values():
+            client.destroy()
+
+    def move(self, goal: MotionGoal) -> None:
+        """Send a goal; its result replaces that of every goal before."""
+        self._goal_number += 1
+        number, client = self._goal_number, self._motions[goal.kind]
+        if not client.server_is_ready():
+            self._refused(goal.kind, f"action motion/{goal.kind.value} is not there")
+            return
+
+        def accepted(future: Future) -> None:
+            handle = future.result()
+            if number != self._goal_number:
+                return
+            if handle is None or not handle.accepted:
+                self._refused(goal.kind, "motion_node did not accept the goal")
+            else:
+                handle.get_result_async().add_done_callback(finished)
+
+        def finished(future: Future) -> None:
+            # A result of a goal given up meanwhile, by a pause for instance, means nothing now.
+            if number == self._goal_number:
+                self._emit(MotionFinished(from_result(future.result().result.result)))
+
+        client.send_goal_async(self._goal(goal)).add_done_callback(accepted)
+
+    def stop(self) -> None:
+        """Ask the arm to stop."""
+        if self._stop.service_is_ready():
+            self._stop.call_async(Trigger.Request())
+
+    def set_suction(self, vacuum: float) -> None:
+        """Ask for a vacuum; a refusal comes back as a pump fault."""
+        if not self._suction.service_is_ready():
+            self._emit(SuctionChanged(SuctionPhase.FAULT, "service suction/set is not there"))
+            return
+
+        def answered(future: Future) -> None:
+            response = future.result()
+            if not response.success:
+                self._emit(SuctionChanged(SuctionPhase.FAULT, response.message))
+
+        request = SetSuction.Request(vacuum=float(vacuum))
+        self._suction.call_async(request).add_done_callback(answered)
+
+    def predict(self, command: Predict) -> None:
+        """Ask for samples."""
+        self._request_number += 1
+        number = self._request_number
+        header = self._header(command.stamp)
+        request = PredictFlow.Request(
+            cloud=clouds.to_cloud_message(header, command.points, clouds.XYZ),
+            history=clouds.to_history_message(header, command.history),
+            samples=command.samples,
+            seed=command.seed,
+        )
+
+        def answered(future: Future) -> None:
+            if number == self._request_number:
+                self._emit(_prediction(future.result(), command))
+
+        if self._predict.service_is_ready():
+            self._predict.call_async(request).add_done_callback(answered)
+        else:
+            self._emit(PredictionFailed("service predict_flow is not there"))
+
+    def _header(self, stamp: float) -> Header:
+        return Header(frame_id=self._base_frame, stamp=to_stamp(stamp))
+
+    def _goal(self, goal: MotionGoal) -> Any:
+        message = _ACTIONS[goal.kind].Goal()
+        message.header.frame_id = self._base_frame
+        message.header.stamp = self._node.get_clock().now().to_msg()
+        if goal.contact is not None and hasattr(message, "contact"):
+            message.contact = to_point(goal.contact)
+        if goal.direction is not None and hasattr(message, "direction"):
+            message.direction = to_vector3(goal.direction)
+        if hasattr(message, "arc"):
+            message.arc = to_arc(goal.arc)
+        if hasattr(message, "distance"):
+            message.distance = float(goal.distance)
+        if hasattr(message, "max_distance"):
+            message.max_distance = float(goal.distance)
+        return message
+
+    def _refused(self, kind: MotionKind, message: str) -> None:
+        self._emit(MotionFinished(MotionResult(kind, MotionReason.REJECTED, message)))
+
+
+def _prediction(response: PredictFlow.Response | None, command: Predict) -> Event:
+    if response is None:
+        return PredictionFailed("the inference service went away")
+    if not response.ok:
+        return PredictionFailed(response.message)
+    try:
+        points, flows = clouds.from_flow_message(response.flows)
+    except FlowBotError as error:
+        return PredictionFailed(str(error))
+    if points.shape != command.points.shape or not np.isfinite(flows).all():
+        return PredictionFailed(f"flow for {len(points)} points, {len(command.points)} were asked")
+    return PredictionArrived(points, flows, command.stamp, response.model_id)
+
+
+def to_event_message(decision: Decision, base_frame: str) -> PolicyEvent:
+    """PolicyEvent message of a decision."""
+    return PolicyEvent(
+        header=Header(frame_id=base_frame, stamp=to_stamp(max(decision.time, 0.0))),
+        sequence=decision.sequence,
+        state=decision.state,
+        event=decision.event,
+        decision=decision.decision,
+        reason=decision.reason,
+        step=decision.step,
+        grasps=decision.grasps,
+        trials=decision.trials,
+        prediction_stamp=to_stamp(decision.prediction_stamp),
+        chosen_sample=decision.chosen_sample,
+        grasp_point=to_point(decision.grasp_point),
+        flow=to_vector3(decision.flow),
+        tool_motion=to_vector3(decision.tool_motion),
+        history_updated=decision.history_updated,
+        grasp_switched=decision.grasp_switched,
+        outcome=decision.outcome,
+    )
