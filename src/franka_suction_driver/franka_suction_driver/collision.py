@@ -91,6 +91,7 @@ class CollisionChecker:
         self._table = None if table_height is None else _table(table_height)
         self._boxes: tuple[Box, ...] = ()
         self._cloud: Cloud | None = None
+        self._allowed: tuple[str, ...] = ()
         self._rebuild()
 
     @property
@@ -102,6 +103,24 @@ class CollisionChecker:
         """Replace the boxes."""
         self._boxes = tuple(boxes)
         self._rebuild()
+
+    def move_box(self, name: str, pose: Array) -> None:
+        """Put a box elsewhere: (4, 4) T_base_box.
+
+        Raises:
+            ParameterError: there is no box of that name.
+        """
+        if name not in [box.name for box in self._boxes]:
+            raise ParameterError("unknown box", got=name, allowed=[b.name for b in self._boxes])
+        index = self._geometry.getGeometryId(name)
+        self._geometry.geometryObjects[index].placement = self._base * pinocchio.SE3(
+            pose[:3, :3], pose[:3, 3]
+        )
+
+    @property
+    def points(self) -> Cloud | None:
+        """The observed cloud, (N, 3) in base, or None."""
+        return self._cloud
 
     def set_points(self, points: object | None) -> None:
         """Replace the observed cloud: (N, 3) in base [m]; None or no points clears it.
@@ -196,7 +215,7 @@ class CollisionChecker:
         for request, margin in zip(self._geometry_data.collisionRequests, margins, strict=True):
             request.security_margin = margin
         self._scene_pairs = range(first_scene_pair, len(pairs))
-        self._allowed: tuple[str, ...] = ()
+        self._allowed = ()
 
     def _scene_shapes(self) -> list[pinocchio.GeometryObject]:
         shapes = [_placed(self._base, box) for box in self._boxes]

@@ -1,4 +1,4 @@
-"""Where the tool will have to go after the contact: the opening as a path of tool poses."""
+"""What comes after the contact: the opening as a path of tool poses, and the part that swings."""
 
 from __future__ import annotations
 
@@ -6,10 +6,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flowbothd_common.transforms import rotation_about
-from flowbothd_common.types import ArcKind, Array, JointArc
+from flowbothd_common.transforms import rotation_about, transform
+from flowbothd_common.types import ArcKind, Array, Cloud, JointArc
+from franka_suction_driver.collision import Box
 
+MOVING_PART = "the moving part"
 _PROBE_POSES = 4
+_PLATE = 0.02
+_BEYOND = 0.015
+_NEAR_PLATE = 0.03
+_DEFAULT_HALF_HEIGHT = 0.1
 
 
 @dataclass(frozen=True)
@@ -19,11 +25,13 @@ class ToolPoses:
     Attributes:
         positions: (K, 3) tip positions in base [m].
         axes: (K, 3) unit directions of the tool's z axis in base.
+        part: (K, 4, 4) displacement of the moving part in base at each pose.
         contact: Index of the pose at the contact.
     """
 
     positions: Array
     axes: Array
+    part: Array
     contact: int
 
 
@@ -51,22 +59,86 @@ def opening_poses(
         spacing: Distance between two poses along the opening [m].
     """
     axis = -side * direction
-    distances = np.linspace(standoff, 0.0, _PROBE_POSES)
-    positions = [contact - axis * d for d in distances]
-    axes = [axis] * len(positions)
+    positions = [contact - axis * d for d in np.linspace(standoff, 0.0, _PROBE_POSES)]
+    axes = [axis] * _PROBE_POSES
+    part = [np.eye(4)] * _PROBE_POSES
     count = max(1, int(np.ceil(travel / spacing))) if travel > 0 else 0
-    for k in range(1, count + 1):
-        way = travel * k / count
-        if arc is None or arc.kind is ArcKind.LINE:
-            positions.append(contact + direction * way)
-            axes.append(axis)
-            continue
-        arm = contact - arc.point
-        radius = float(np.linalg.norm(arm - arc.axis * (arm @ arc.axis)))
-        sign = 1.0 if np.cross(arc.axis, arm) @ direction >= 0 else -1.0
-        angle = way / max(radius, 1e-3)
-        turned = rotation_about(arc.axis, sign * angle)
-        behind = rotation_about(arc.axis, sign * max(0.0, angle - tilt_slack))
-        positions.append(arc.point + turned @ arm)
-        axes.append(behind @ axis)
-    return ToolPoses(np.array(positions), np.array(axes), _PROBE_POSES - 1)
+    for way in np.linspace(0.0, travel, count + 1)[1:]:
+        moved = displacement(contact, direction, arc, float(way))
+        lagging = displacement(contact, direction, arc, float(way), behind=tilt_slack)
+        positions.append(moved[:3, :3] @ contact + moved[:3, 3])
+        axes.append(lagging[:3, :3] @ axis)
+        part.append(moved)
+    return ToolPoses(np.array(positions), np.array(axes), np.array(part), _PROBE_POSES - 1)
+
+
+def displacement(
+    contact: Array, direction: Array, arc: JointArc | None, way: float, *, behind: float = 0.0
+) -> Array:
+    """(4, 4) how the part has moved in base after `way` [m] at the contact.
+
+    Args:
+        contact: (3,) in base [m].
+        direction: (3,) unit flow at the contact; tells the sense of the arc.
+        arc: How the part moves; a straight line if unknown.
+        way: Length along the path of the contact [m].
+        behind: Angle by which an arc's rotation stays behind [rad].
+    """
+    if arc is None or arc.kind is ArcKind.LINE:
+        return transform(translation=direction * way)
+    radial = _radial(contact, arc)
+    sense = 1.0 if float(np.cross(arc.axis, radial) @ direction) >= 0 else -1.0
+    angle = max(0.0, way / max(float(np.linalg.norm(radial)), 1e-3) - behind)
+    rotation = rotation_about(arc.axis, sense * angle)
+    return transform(rotation, arc.point - rotation @ arc.point)
+
+
+def moving_part(
+    contact: Array, direction: Array, side: int, arc: JointArc | None, cloud: Cloud | None
+) -> Box | None:
+    """The swinging part as a plate between its axis and the contact, or None if nothing is known.
+
+    Its height is that of the observed points that lie in the plate's plane.
+
+    Args:
+        contact: (3,) in base [m].
+        direction: (3,) unit flow at the contact.
+        side: +1 = the tool stands on the side the part moves to.
+        arc: How the part moves.
+        cloud: (N, 3) observed points in base, or None.
+    """
+    if arc is None or arc.kind is not ArcKind.ARC:
+        return None
+    radial = _radial(contact, arc)
+    radius = float(np.linalg.norm(radial))
+    if radius < _PLATE:
+        return None
+    outward = radial / radius
+    normal = np.cross(arc.axis, outward)
+    if float(normal @ direction) < 0:
+        normal = -normal
+    low, high = -_DEFAULT_HALF_HEIGHT, _DEFAULT_HALF_HEIGHT
+    if cloud is not None:
+        offsets = cloud - contact
+        near = np.abs(offsets @ normal) < _NEAR_PLATE
+        across = offsets @ outward
+        near &= (across > -radius) & (across < _BEYOND)
+        if near.any():
+            heights = offsets[near] @ arc.axis
+            low, high = float(heights.min()), float(heights.max())
+    size = (radius + _BEYOND, _PLATE, max(high - low, _PLATE))
+    centre = (
+        contact
+        + outward * (_BEYOND - radius) / 2
+        - normal * side * _PLATE / 2
+        + arc.axis * (low + high) / 2
+    )
+    # The third axis only carries the height, which is centred: its sign does not matter.
+    rotation = np.column_stack([outward, normal, np.cross(outward, normal)])
+    return Box(MOVING_PART, size, transform(rotation, centre))
+
+
+def _radial(contact: Array, arc: JointArc) -> Array:
+    """(3,) from the axis to the contact, square to the axis."""
+    arm = contact - arc.point
+    return np.asarray(arm - arc.axis * float(arm @ arc.axis))

@@ -21,6 +21,7 @@ from franka_suction_driver.kinematics import (
 _MAX_STEP = 0.3
 _DAMPING = 0.02
 _FOLLOW_DAMPING = 0.01
+_SOFT_ZONE = 0.25
 
 
 @dataclass(frozen=True)
@@ -69,9 +70,10 @@ class Followed:
 
 
 def limited_step(box: PositionBox, q: Array, jacobian: Array, miss: Array) -> Array:
-    """(..., J) smallest joint step that removes a task error without pushing past a joint limit.
+    """(..., J) joint step that removes a task error without pushing past a joint limit.
 
-    Joints that would leave their range are held and the others take over, as far as they can.
+    A joint that moves towards a near limit takes a smoothly vanishing part in the motion and the
+    others take over, as far as they can: no joint stops with a jerk.
 
     Args:
         box: Joint limits.
@@ -79,17 +81,15 @@ def limited_step(box: PositionBox, q: Array, jacobian: Array, miss: Array) -> Ar
         jacobian: (..., 5, J).
         miss: (..., 5) task error.
     """
-    free = np.ones_like(q)
-    step = np.zeros_like(q)
-    for _ in range(3):
-        masked = jacobian * free[..., None, :]
-        step = (damped_inverse(masked, _FOLLOW_DAMPING) @ miss[..., None])[..., 0]
-        target = q + step
-        leaving = (target < box.lower) | (target > box.upper)
-        if not leaving.any():
-            break
-        free = np.where(leaving, 0.0, free)
-    return step
+    step = (damped_inverse(jacobian, _FOLLOW_DAMPING) @ miss[..., None])[..., 0]
+    room = np.where(step > 0, box.upper - q, q - box.lower)
+    near = np.clip(room / _SOFT_ZONE, 0.0, 1.0)
+    if (near >= 1.0).all():
+        return np.asarray(step)
+    weight = near * near * (3.0 - 2.0 * near)
+    root = np.sqrt(weight)
+    scaled = damped_inverse(jacobian * root[..., None, :], _FOLLOW_DAMPING)
+    return np.asarray(root * (scaled @ miss[..., None])[..., 0])
 
 
 def solve(

@@ -76,14 +76,9 @@ class SmoothPath:
         change = float((0.5 * limits.acceleration / d1).min())
         change = min(change, float((limits.jerk / (9 * d2 * speed)).min()))
         jerk = float((limits.jerk / (3 * d1)).min())
-        one = np.ones(1)
-        return move_to(
-            JointState.at_rest(np.zeros(1)),
-            one * self.length,
-            one * speed,
-            one * change,
-            one * jerk,
-        )
+        start = JointState.at_rest(np.zeros(1))
+        bounds = (np.full(1, value) for value in (speed, change, jerk))
+        return move_to(start, np.full(1, self.length), *bounds)
 
 
 def _control_points(corners: Array, spacing: float) -> Array:

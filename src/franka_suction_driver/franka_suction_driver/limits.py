@@ -15,6 +15,25 @@ from franka_suction_driver.kinematics import Kinematics
 
 
 @dataclass(frozen=True)
+class Violation:
+    """The worst excess of a trajectory over its limits.
+
+    Attributes:
+        time: When, from the start of the trajectory [s].
+        ratio: Amount over limit, > 1.
+        text: For people.
+    """
+
+    time: float
+    ratio: float
+    text: str
+
+    def __str__(self) -> str:
+        """For messages."""
+        return self.text
+
+
+@dataclass(frozen=True)
 class JointLimits:
     """What no sample of any trajectory may exceed; all arrays are (J,), in joint order.
 
@@ -64,8 +83,8 @@ class JointLimits:
         """Position limits less `margin` [rad] on both sides."""
         return PositionBox(self.lower + margin, self.upper - margin)
 
-    def violation(self, trajectory: JointTrajectory, tolerance: float = 1e-6) -> str | None:
-        """The worst sample beyond a limit in words, or None; jerk is judged between samples."""
+    def violation(self, trajectory: JointTrajectory, tolerance: float = 1e-6) -> Violation | None:
+        """The worst sample beyond a limit, or None; jerk is judged between samples."""
         joints = trajectory.joint_names
         jerk = np.diff(trajectory.accelerations, axis=0) / np.diff(trajectory.times)[:, None]
         centre, half = (self.upper + self.lower) / 2, (self.upper - self.lower) / 2
@@ -75,7 +94,7 @@ class JointLimits:
             ("acceleration", trajectory.accelerations, self.acceleration, "rad/s^2"),
             ("jerk", jerk, self.jerk, "rad/s^3"),
         ]
-        worst = ""
+        worst: Violation | None = None
         worst_ratio = 1.0 + tolerance
         for name, values, limit, unit in checks:
             ratio = np.abs(values) / limit
@@ -83,11 +102,12 @@ class JointLimits:
                 worst_ratio = float(ratio.max())
                 k, j = np.unravel_index(int(ratio.argmax()), ratio.shape)
                 amount = abs(float(values[k, j]))
-                worst = (
+                text = (
                     f"{name} of {joints[j]} at {trajectory.times[k]:.3f} s: "
                     f"{amount:.4g} of {limit[j]:.4g} {unit}"
                 )
-        return worst or None
+                worst = Violation(float(trajectory.times[k]), worst_ratio, text)
+        return worst
 
 
 def limits_from(

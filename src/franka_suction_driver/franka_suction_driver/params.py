@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import pi
 
-from flowbothd_common.parameters import group, parameter
+from flowbothd_common.parameters import parameter
 
 _FER = (3.75, 1.875, 2.5, 3.125, 3.75, 5.0, 5.0)
 
@@ -52,10 +52,10 @@ class CollisionParams:
     table_margin: float = parameter(0.015, "Kept distance from the table [m]", minimum=0.0)
     self_margin: float = parameter(0.005, "Kept distance between links [m]", minimum=0.0)
     obstacle_margin: float = parameter(
-        0.015, "Kept distance from the observed object [m]", minimum=0.0
+        0.01, "Kept distance from the observed object [m]", minimum=0.0
     )
     obstacle_cell: float = parameter(
-        0.015, "Edge of the cells that the object cloud is turned into [m]", minimum=0.003
+        0.01, "Edge of the cells that the object cloud is turned into [m]", minimum=0.003
     )
 
 
@@ -76,6 +76,12 @@ class PlanningParams:
     )
     tilt_slack: float = parameter(
         0.26, "Tilt of the tool against the flow accepted to reach further [rad]", minimum=0.0
+    )
+    least_push: float = parameter(
+        0.4,
+        "Part of the opening that must be reachable before the opposite side is taken",
+        minimum=0.0,
+        maximum=1.0,
     )
     push_from_front: bool = parameter(
         True, "Come from the opposite side where the side of the flow cannot be reached"
@@ -156,12 +162,12 @@ class FlowStepParams:
 class MotionParams:
     """Parameters of the motion core."""
 
-    robot: RobotParams = group(RobotParams)
-    collision: CollisionParams = group(CollisionParams)
-    planning: PlanningParams = group(PlanningParams)
-    approach: ApproachParams = group(ApproachParams)
-    probe: ProbeParams = group(ProbeParams)
-    flow_step: FlowStepParams = group(FlowStepParams)
+    robot: RobotParams = field(default_factory=RobotParams)
+    collision: CollisionParams = field(default_factory=CollisionParams)
+    planning: PlanningParams = field(default_factory=PlanningParams)
+    approach: ApproachParams = field(default_factory=ApproachParams)
+    probe: ProbeParams = field(default_factory=ProbeParams)
+    flow_step: FlowStepParams = field(default_factory=FlowStepParams)
     seed: int = parameter(0, "Seed of all random choices in planning", minimum=0)
 
 

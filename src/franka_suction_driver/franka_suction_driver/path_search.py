@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -37,7 +38,7 @@ class _Tree:
 
     def __init__(self, roots: Array) -> None:
         capacity = max(64, 2 * len(roots))
-        self._points = np.empty((capacity, roots.shape[1]))
+        self._points: Array = np.empty((capacity, roots.shape[1]))
         self._points[: len(roots)] = roots
         self._parents = [-1] * len(roots)
 
@@ -45,7 +46,7 @@ class _Tree:
         return len(self._parents)
 
     def point(self, index: int) -> Array:
-        return self._points[index]
+        return np.asarray(self._points[index])
 
     def nearest(self, q: Array) -> int:
         offsets = self._points[: len(self)] - q
@@ -115,7 +116,7 @@ def shorten(points: Array, edge_free: EdgeFree, rng: np.random.Generator, attemp
     for _ in range(attempts):
         if len(corners) < 3:
             break
-        lengths = np.array([_length(a, b) for a, b in zip(corners, corners[1:], strict=False)])
+        lengths = np.array([_length(a, b) for a, b in pairwise(corners)])
         first, second = np.sort(rng.uniform(0.0, lengths.sum(), 2))
         i, a = _along(corners, lengths, first)
         j, b = _along(corners, lengths, second)

@@ -12,8 +12,8 @@ import numpy as np
 
 from flowbothd_common.motion import JointTrajectory, MotionReason
 from flowbothd_common.types import Array, JointArc
-from franka_suction_driver.collision import CollisionChecker, Margins
-from franka_suction_driver.continuation import ToolPoses, opening_poses
+from franka_suction_driver.collision import Box, CollisionChecker, Margins
+from franka_suction_driver.continuation import ToolPoses, moving_part, opening_poses
 from franka_suction_driver.inverse_kinematics import PositionBox, follow, solve
 from franka_suction_driver.joint_path import SmoothPath
 from franka_suction_driver.kinematics import Kinematics
@@ -144,9 +144,15 @@ class Planner:
             arc,
             tilt_slack=planning.tilt_slack,
         )
-        branches = self._branches(start, poses, rng)
+        part = moving_part(contact, direction, side, arc, self.collision.points)
+        self.collision.set_boxes([] if part is None else [part])
+        branches = self._branches(start, poses, part, rng)
+        self.collision.set_boxes([])
         if not len(branches.standoffs):
             return PlannedMotion(branches.reason, branches.message, side=side)
+        if side < 0 and branches.reach < planning.least_push:
+            message = f"only {branches.reach:.0%} of the opening could be pushed"
+            return PlannedMotion(MotionReason.UNREACHABLE, message, side=side)
         touch = self.collision.touch(start)
         if touch is not None:
             return PlannedMotion(
@@ -160,7 +166,9 @@ class Planner:
         note = "" if branches.reach >= 1 else f"only {branches.reach:.0%} of the opening reachable"
         return PlannedMotion(MotionReason.REACHED, note, self._timed(found[0], 0), side)
 
-    def _branches(self, start: Array, poses: ToolPoses, rng: np.random.Generator) -> _Branches:
+    def _branches(
+        self, start: Array, poses: ToolPoses, part: Box | None, rng: np.random.Generator
+    ) -> _Branches:
         """Free standoff configurations from which the contact is reached, best first."""
         none = np.empty((0, self._kinematics.dof))
         seeds = np.vstack(
@@ -184,7 +192,7 @@ class Planner:
         for i in order:
             if reach[i] <= max(poses.contact, free.max() - 1):
                 break
-            free[i] = self._free_poses(path.positions[i, : reach[i]], touches)
+            free[i] = self._free_poses(path.positions[i, : reach[i]], poses, part, touches)
         if free.max() <= poses.contact:
             where = touches[0] if touches else "the arm with the scene"
             return _Branches(MotionReason.COLLISION, f"at the contact touches: {where}", none)
@@ -194,12 +202,16 @@ class Planner:
         travel = np.abs(found[best] - start).max(axis=1)
         ranked = best[np.argsort(0.2 * travel - room)][:_GOALS]
         total = len(poses.positions) - 1 - poses.contact
-        part = 1.0 if total == 0 else (free.max() - 1 - poses.contact) / total
-        return _Branches(MotionReason.REACHED, "", found[ranked], part)
+        followed = 1.0 if total == 0 else (free.max() - 1 - poses.contact) / total
+        return _Branches(MotionReason.REACHED, "", found[ranked], float(followed))
 
-    def _free_poses(self, path: Array, touches: list[str]) -> int:
+    def _free_poses(
+        self, path: Array, poses: ToolPoses, part: Box | None, touches: list[str]
+    ) -> int:
         """How many configurations are free; the cup may touch, once it has left standoff."""
         for k, q in enumerate(path):
+            if part is not None:
+                self.collision.move_box(part.name, poses.part[k] @ part.pose)
             touch = self.collision.touch(q, contact_links=() if k == 0 else CONTACT_LINKS)
             if touch is not None:
                 touches.append(str(touch))

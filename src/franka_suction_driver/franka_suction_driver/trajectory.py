@@ -98,7 +98,7 @@ def brake(start: JointState, acceleration: Array, jerk: Array) -> Profile:
 def joint_move(
     names: tuple[str, ...], start: JointState, goal: Array, limits: JointLimits
 ) -> JointTrajectory:
-    """Jerk-limited motion of all joints to rest at `goal` (J,); straight in joint space from rest."""
+    """Jerk-limited motion to rest at `goal` (J,); straight in joint space if it starts at rest."""
     at_rest = not (start.velocity.any() or start.acceleration.any())
     profile = move_to(
         start, goal, limits.velocity, limits.acceleration, limits.jerk, straight=at_rest

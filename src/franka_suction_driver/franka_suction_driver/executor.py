@@ -1,0 +1,305 @@
+"""Runs one motion at a time: planned, then ticked; the same behind nodes and in stepped worlds.
+
+`start` plans and begins; where planning must not block, `prepare` can run in another thread and
+`begin` takes its outcome. `tick` never plans.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from flowbothd_common.errors import MotionRejectedError
+from flowbothd_common.motion import (
+    JointTrajectory,
+    MotionGoal,
+    MotionKind,
+    MotionReason,
+    MotionResult,
+    RobotObservation,
+)
+from flowbothd_common.types import Array
+from franka_suction_driver.commander import Commander
+from franka_suction_driver.description import compose_urdf
+from franka_suction_driver.flow_step import FlowStep
+from franka_suction_driver.goals import checked_goal, led_axis, tool_line, travel_direction
+from franka_suction_driver.joint_motion import JointMotion
+from franka_suction_driver.kinematics import Kinematics
+from franka_suction_driver.limits import limits_from
+from franka_suction_driver.motion_step import Ending, RunningMotion
+from franka_suction_driver.params import MotionParams
+from franka_suction_driver.planner import PlannedMotion, Planner
+from franka_suction_driver.probe import Probe
+from franka_suction_driver.recorder import Recorder
+from franka_suction_driver.tool_motion import Bounds, ToolFollower
+from franka_suction_driver.trajectory import JointState
+
+_log = logging.getLogger(__name__)
+_AT_REST = 0.05
+_SAME_PLACE = 0.02
+
+
+@dataclass(frozen=True)
+class MotionUpdate:
+    """What a tick came to.
+
+    Attributes:
+        trajectory: To be sent to the arm now, replacing the running one; or None.
+        fraction: Progress of the running motion, 0..1.
+        result: Set once, when the motion is over.
+    """
+
+    trajectory: JointTrajectory | None = None
+    fraction: float = 0.0
+    result: MotionResult | None = None
+
+
+@dataclass(frozen=True)
+class Prepared:
+    """A goal with its plan, ready to begin."""
+
+    goal: MotionGoal
+    planned: PlannedMotion | None
+
+
+def make_kinematics(params: MotionParams, urdf: str | None = None) -> Kinematics:
+    """Kinematics of the arm that the parameters name; the description is composed if not given."""
+    robot = params.robot
+    text = compose_urdf(tip_frame=robot.tip_frame) if urdf is None else urdf
+    return Kinematics(text, robot.joint_names, robot.base_frame, robot.tip_frame)
+
+
+class MotionExecutor:
+    """Approach, Probe, FlowStep and Retreat of one arm.
+
+    Args:
+        robot: The arm.
+        params: Parameters of the motion core.
+        seed: Of all random choices in planning; the n-th motion of two executors with the same
+            seed and inputs is the same.
+
+    Raises:
+        ParameterError: limits or the start pose do not fit the robot.
+    """
+
+    def __init__(self, robot: Kinematics, params: MotionParams, seed: int | None = None) -> None:
+        self.robot = robot
+        self.params = params
+        self.limits = limits_from(robot, params.robot.acceleration_limits, params.robot.jerk_limits)
+        self._box = self.limits.box(params.robot.position_margin)
+        # Pinocchio's data is not safe to share with a thread that plans.
+        own = Kinematics(robot.urdf, robot.joint_names, robot.base_frame, robot.tip_frame)
+        self._planner = Planner(own, self.limits, params)
+        self._follower = ToolFollower(robot, self.limits, self._box, params.planning.tilt_slack)
+        self._seed = params.seed if seed is None else seed
+        self._motions = 0
+        self._commander = Commander()
+        self._commanded_once = False
+        self._running: RunningMotion | None = None
+        self._recorder: Recorder | None = None
+        self._stop_request: Ending | None = None
+        self._side = 1
+
+    @property
+    def busy(self) -> bool:
+        """Whether a motion is running."""
+        return self._recorder is not None
+
+    def set_obstacles(self, points: object | None) -> None:
+        """Replace the observed object: (N, 3) in base [m], or None.
+
+        Raises:
+            InvalidCloudError: wrong shape, or values that are not finite.
+        """
+        self._planner.collision.set_points(points)
+
+    def start(self, goal: MotionGoal, observation: RobotObservation) -> None:
+        """Plan and begin a motion; what comes of it is told by `tick`.
+
+        Raises:
+            MotionRejectedError: the goal is malformed, or another motion is running.
+        """
+        self.begin(self.prepare(goal, observation), observation)
+
+    def prepare(self, goal: MotionGoal, observation: RobotObservation) -> Prepared:
+        """Check and plan a goal; may take a second, moves nothing, and is safe in one other thread.
+
+        Raises:
+            MotionRejectedError: the goal is malformed, or another motion is running.
+        """
+        if self.busy:
+            raise MotionRejectedError(
+                f"cannot start {goal.kind.value}: another motion is running",
+                hint="wait for its result, or stop it first",
+            )
+        checked = checked_goal(goal)
+        rng = np.random.default_rng([self._seed, self._motions])
+        start = np.array(observation.positions, dtype=float)
+        planned = None
+        if checked.kind is MotionKind.APPROACH:
+            contact, direction = checked.contact, checked.direction
+            if contact is not None and direction is not None:
+                planned = self._planner.approach(start, contact, direction, checked.arc, rng)
+        elif checked.kind is MotionKind.RETREAT:
+            planned = self._planner.retreat(start, rng)
+        return Prepared(checked, planned)
+
+    def begin(self, prepared: Prepared, observation: RobotObservation) -> None:
+        """Begin a prepared motion from where the arm stands.
+
+        Raises:
+            MotionRejectedError: another motion is running.
+        """
+        if self.busy:
+            raise MotionRejectedError("cannot begin: another motion is running")
+        self._motions += 1
+        self._stop_request = None
+        kind = prepared.goal.kind
+        self._recorder = Recorder(kind, self.robot, observation)
+        self._running = None
+        self._settle_commanded(observation)
+        speed = float(np.abs(observation.velocities).max())
+        if speed > _AT_REST:
+            message = f"the arm still moves ({speed:.2f} rad/s); wait until it rests"
+            self._stop_request = Ending(MotionReason.REJECTED, message)
+            return
+        try:
+            outcome = self._create(prepared, observation)
+        except MotionRejectedError as error:
+            outcome = Ending(MotionReason.REJECTED, str(error))
+        if isinstance(outcome, Ending):
+            self._stop_request = outcome
+        else:
+            self._running = outcome
+
+    def stop(self, reason: MotionReason = MotionReason.STOPPED, message: str = "") -> bool:
+        """Bring the running motion to rest at the next tick; whether there was one."""
+        if not self.busy:
+            return False
+        self._stop_request = Ending(reason, message or "stopped on request")
+        return True
+
+    def tick(self, observation: RobotObservation) -> MotionUpdate:
+        """Advance the running motion to `observation.time`; to be called at 50 to 100 Hz."""
+        recorder = self._recorder
+        if recorder is None:
+            return MotionUpdate()
+        now = observation.time
+        commanded = self._commander.state(now)
+        recorder.see(observation, commanded)
+        if self._running is None:
+            ending = self._stop_request or Ending(MotionReason.REJECTED, "nothing to do")
+            return self._finish(recorder, ending, 0.0, observation)
+        if self._stop_request is not None:
+            request, self._stop_request = self._stop_request, None
+            step = self._running.stop(now, commanded, request)
+        else:
+            step = self._running.tick(now, commanded, observation)
+        fraction = self._running.fraction
+        if step.trajectory is not None:
+            self._commander.issue(step.trajectory, now)
+        if step.ending is not None:
+            return self._finish(recorder, step.ending, fraction, observation, step.trajectory)
+        return MotionUpdate(step.trajectory, fraction)
+
+    def commanded(self, now: float) -> JointState:
+        """Joint state that the arm has been commanded to have at `now`."""
+        return self._commander.state(now)
+
+    def _finish(
+        self,
+        recorder: Recorder,
+        ending: Ending,
+        fraction: float,
+        observation: RobotObservation,
+        trajectory: JointTrajectory | None = None,
+    ) -> MotionUpdate:
+        result = recorder.result(ending, fraction, observation)
+        self._recorder = None
+        self._running = None
+        self._stop_request = None
+        _log.info(
+            "%s: %s, %.0f %% of the path, %.2f s, peak %.1f N, lag %.4f rad %s",
+            result.kind.value,
+            result.reason.value,
+            100 * result.reached_fraction,
+            result.duration,
+            float(np.linalg.norm(result.peak_wrench[:3])),
+            result.max_lag,
+            result.message,
+        )
+        return MotionUpdate(trajectory, fraction, result)
+
+    def _settle_commanded(self, observation: RobotObservation) -> None:
+        """Believe the last command where the arm is near it, the measurement otherwise."""
+        measured = np.array(observation.positions, dtype=float)
+        if self._commanded_once:
+            commanded = self._commander.state(observation.time).position
+            if np.abs(commanded - measured).max() < _SAME_PLACE:
+                self._commander.reset(commanded)
+                return
+        self._commanded_once = True
+        self._commander.reset(measured)
+
+    def _create(self, prepared: Prepared, seen: RobotObservation) -> RunningMotion | Ending:
+        goal = prepared.goal
+        if goal.kind in (MotionKind.APPROACH, MotionKind.RETREAT):
+            return self._joint_motion(goal.kind, prepared.planned)
+        if seen.wrench is None:
+            message = "no external wrench has been measured; guarded motions need it"
+            return Ending(MotionReason.STALE_INPUT, message)
+        if goal.direction is None:
+            raise MotionRejectedError("the goal has no direction")
+        if goal.kind is MotionKind.PROBE:
+            return self._probe(goal, goal.direction, seen)
+        return self._flow_step(goal, goal.direction, seen)
+
+    def _joint_motion(
+        self, kind: MotionKind, planned: PlannedMotion | None
+    ) -> RunningMotion | Ending:
+        if planned is None or planned.trajectory is None:
+            reason = MotionReason.REJECTED if planned is None else planned.reason
+            return Ending(reason, "" if planned is None else planned.message)
+        retreating = kind is MotionKind.RETREAT
+        if not retreating:
+            self._side = planned.side
+        return JointMotion(
+            planned.trajectory,
+            self.limits,
+            self.params.approach.force_limit,
+            force_grace=0.5 if retreating else 0.0,
+            note=planned.message,
+            released=retreating,
+        )
+
+    def _probe(self, goal: MotionGoal, direction: Array, seen: RobotObservation) -> RunningMotion:
+        params = self.params.probe
+        distance = goal.distance or params.max_distance
+        start = self._commander.state(seen.time)
+        tip = self.robot.tip(start.position)
+        travel = travel_direction(tip.axis, direction)
+        line = tool_line(tip, travel, distance, tip.axis, 0.0)
+        reference, rollout = self._follower.plan(line, Bounds(params.free_speed), start)
+        still = replace(reference)
+        still.redirect(0.0, 0.0, Bounds(params.speed))
+        return Probe(self._follower, still, rollout, distance, params, seen.time)
+
+    def _flow_step(
+        self, goal: MotionGoal, direction: Array, seen: RobotObservation
+    ) -> RunningMotion | Ending:
+        params = self.params.flow_step
+        if not seen.vacuum:
+            return Ending(MotionReason.SUCTION_LOST, "the cup holds nothing; probe first")
+        distance = goal.distance or params.distance
+        start = self._commander.state(seen.time)
+        tip = self.robot.tip(start.position)
+        axis = led_axis(tip.axis, direction, params.lead, params.max_lead)
+        line = tool_line(tip, direction, distance, axis, distance * params.realign_part)
+        reference, rollout = self._follower.plan(line, Bounds(params.speed), start)
+        if rollout.trajectory is None:
+            problem = rollout.problem or "singularity"
+            message = f"the arm cannot follow the flow: {rollout.detail}"
+            return Ending(MotionReason(problem), message)
+        return FlowStep(self.robot, self._follower, reference, rollout, distance, params, seen.time)
