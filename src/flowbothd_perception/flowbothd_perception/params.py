@@ -1,0 +1,143 @@
+"""Parameters of perception: the pipeline's, and those of the node around it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from flowbothd_common.errors import ParameterError
+from flowbothd_common.parameters import parameter
+
+
+@dataclass(frozen=True)
+class CropParams:
+    """The workspace, in the base frame."""
+
+    min_corner: tuple[float, ...] = parameter(
+        (0.0, -0.65, 0.02),
+        "lower corner of the workspace in base [m]; its z cuts off the table",
+        length=3,
+    )
+    max_corner: tuple[float, ...] = parameter(
+        (1.3, 0.65, 1.1), "upper corner of the workspace in base [m]", length=3
+    )
+
+    def __post_init__(self) -> None:
+        """Refuse an empty box."""
+        if any(low >= high for low, high in zip(self.min_corner, self.max_corner, strict=True)):
+            raise ParameterError(
+                "the workspace is empty",
+                got=f"{self.min_corner} .. {self.max_corner}",
+                allowed="crop.min_corner below crop.max_corner in x, y and z",
+            )
+
+
+@dataclass(frozen=True)
+class RobotFilterParams:
+    """How points on the robot are told from points on the object."""
+
+    padding: float = parameter(
+        0.02, "distance from a link within which points are the robot's [m]", minimum=0.0
+    )
+    padded_links: tuple[str, ...] = parameter(
+        ("suction_body", "suction_stem", "suction_cup"),
+        "links with a padding of their own, as in robot.paddings",
+        element=str,
+    )
+    paddings: tuple[float, ...] = parameter(
+        (0.012, 0.008, 0.004),
+        "padding of each of robot.padded_links [m]; small at the cup, where the held part begins",
+        minimum=0.0,
+        element=float,
+    )
+    ignored_links: tuple[str, ...] = parameter((), "links whose points are kept", element=str)
+
+    def __post_init__(self) -> None:
+        """Check that names and paddings belong together."""
+        if len(self.padded_links) != len(self.paddings):
+            raise ParameterError(
+                "robot.padded_links and robot.paddings differ in length",
+                got=(len(self.padded_links), len(self.paddings)),
+            )
+
+
+@dataclass(frozen=True)
+class OutlierParams:
+    """Removal of flying pixels and of what the robot filter leaves along the arm's outline."""
+
+    candidates: int = parameter(
+        12000, "points drawn from the frame before outliers are sought", minimum=1
+    )
+    neighbours: int = parameter(
+        12, "neighbours whose mean distance is judged; 0 = no outlier removal", minimum=0
+    )
+    deviations: float = parameter(
+        3.0,
+        "points farther from their neighbours than the mean by this many standard deviations go",
+        minimum=0.0,
+    )
+    cluster: float = parameter(
+        0.03,
+        "points are one cluster while gaps are smaller than this [m]; 0 = keep all clusters",
+        minimum=0.0,
+    )
+    cluster_share: float = parameter(
+        0.02,
+        "clusters with less than this share of all points go",
+        minimum=0.0,
+        maximum=1.0,
+    )
+
+
+@dataclass(frozen=True)
+class SamplingParams:
+    """The object cloud's size."""
+
+    points: int = parameter(1200, "points of the object cloud", minimum=1)
+
+
+@dataclass(frozen=True)
+class PipelineParams:
+    """From points in the camera frame to the object cloud."""
+
+    crop: CropParams = field(default_factory=CropParams)
+    robot: RobotFilterParams = field(default_factory=RobotFilterParams)
+    outliers: OutlierParams = field(default_factory=OutlierParams)
+    sampling: SamplingParams = field(default_factory=SamplingParams)
+
+
+@dataclass(frozen=True)
+class CameraParams:
+    """Where the camera is; calibrated, never guessed."""
+
+    position: tuple[float, ...] = parameter(
+        (), "position of the optical frame in base [m], 3 values; required", element=float
+    )
+    quaternion: tuple[float, ...] = parameter(
+        (),
+        "orientation of the optical frame in base, xyzw (z forward, x right, y down); required",
+        element=float,
+    )
+    frame: str = parameter(
+        "", "frame id that images must carry; empty = any, all taken as the optical frame"
+    )
+
+
+@dataclass(frozen=True)
+class PerceptionNodeParams(PipelineParams):
+    """The pipeline's parameters and the node's."""
+
+    seed: int = parameter(0, "run seed of the sampling", minimum=0, maximum=2**62)
+    base_frame: str = parameter("panda_link0", "frame of the object cloud")
+    input: str = parameter(
+        "depth",
+        "depth: depth/image_raw with depth/camera_info; cloud: points2",
+        choices=("depth", "cloud"),
+    )
+    max_depth: float = parameter(3.0, "farther measurements are dropped [m]", minimum=0.1)
+    joint_gap: float = parameter(
+        0.1, "longest gap between joint states to interpolate over [s]", minimum=0.001
+    )
+    input_timeout: float = parameter(
+        0.7, "silence of an input after which it is missing, steady clock [s]", minimum=0.05
+    )
+    camera: CameraParams = field(default_factory=CameraParams)
