@@ -200,6 +200,7 @@ def to_event_message(decision: Decision, base_frame: str) -> PolicyEvent:
         grasp_point=to_point(decision.grasp_point),
         flow=to_vector3(decision.flow),
         tool_motion=to_vector3(decision.tool_motion),
+        opening=float(decision.opening),
         history_updated=decision.history_updated,
         grasp_switched=decision.grasp_switched,
         outcome=decision.outcome,
