@@ -22,7 +22,7 @@ from flowbothd_policy.predictor import FlowPredictor
 from franka_suction_driver.description import compose_urdf
 from franka_suction_driver.executor import MotionExecutor, make_kinematics
 from franka_suction_driver.params import MotionParams, SuctionParams
-from franka_suction_driver.suction import SuctionMonitor
+from franka_suction_driver.suction import SuctionMachine
 from sim_bridge.camera import DepthCamera
 from sim_bridge.depth_noise import DepthNoise
 from sim_bridge.objects.registry import load_object
@@ -55,7 +55,7 @@ class ArmPolicyWorld:
     ) -> None:
         self._world, self._camera, self._perception = world, camera, perception
         self._executor, self._seed, self._record = executor, seed, record
-        self._suction = SuctionMonitor(SuctionParams())
+        self._suction = SuctionMachine(SuctionParams(), world.time)
         self._phase = SuctionPhase.OFF
         self._looks = 0
 
@@ -123,11 +123,12 @@ class ArmPolicyWorld:
         return Truth(truth.flows, truth.modes, truth.open_ratio)
 
     def _suction_events(self) -> list[Event]:
-        phase = self._suction.update(self._world.suction(), self.time)
-        if phase is self._phase:
+        self._suction.measure(self._world.suction(), self.time)
+        status = self._suction.status(self.time)
+        if status.phase is self._phase:
             return []
-        self._phase = phase
-        return [SuctionChanged(phase)]
+        self._phase = status.phase
+        return [SuctionChanged(status.phase, status.message)]
 
 
 def arm_rollout(
