@@ -13,7 +13,7 @@ from franka_suction_driver.collision import Box
 MOVING_PART = "the moving part"
 _PROBE_POSES = 4
 _PLATE = 0.02
-_BEYOND = 0.015
+_BEYOND = 0.03
 _NEAR_PLATE = 0.03
 _DEFAULT_HALF_HEIGHT = 0.1
 

@@ -100,7 +100,7 @@ class MotionExecutor:
         self._running: RunningMotion | None = None
         self._recorder: Recorder | None = None
         self._stop_request: Ending | None = None
-        self._side = 1
+        self._last_request: Ending | None = None
 
     @property
     def busy(self) -> bool:
@@ -155,7 +155,7 @@ class MotionExecutor:
         if self.busy:
             raise MotionRejectedError("cannot begin: another motion is running")
         self._motions += 1
-        self._stop_request = None
+        self._stop_request = self._last_request = None
         kind = prepared.goal.kind
         self._recorder = Recorder(kind, self.robot, observation)
         self._running = None
@@ -179,6 +179,7 @@ class MotionExecutor:
         if not self.busy:
             return False
         self._stop_request = Ending(reason, message or "stopped on request")
+        self._last_request = self._stop_request
         return True
 
     def tick(self, observation: RobotObservation) -> MotionUpdate:
@@ -203,6 +204,21 @@ class MotionExecutor:
         if step.ending is not None:
             return self._finish(recorder, step.ending, fraction, observation, step.trajectory)
         return MotionUpdate(step.trajectory, fraction)
+
+    def abandon(self, observation: RobotObservation) -> MotionResult:
+        """End the running motion now, although the arm may not rest yet; for frozen clocks.
+
+        Raises:
+            MotionRejectedError: no motion is running.
+        """
+        if self._recorder is None:
+            raise MotionRejectedError("there is no motion to abandon")
+        ending = self._last_request or Ending(MotionReason.STALE_INPUT, "inputs went silent")
+        fraction = self._running.fraction if self._running is not None else 0.0
+        update = self._finish(self._recorder, ending, fraction, observation)
+        if update.result is None:
+            raise RuntimeError("finishing a motion gave no result")
+        return update.result
 
     def commanded(self, now: float) -> JointState:
         """Joint state that the arm has been commanded to have at `now`."""
@@ -263,8 +279,6 @@ class MotionExecutor:
             reason = MotionReason.REJECTED if planned is None else planned.reason
             return Ending(reason, "" if planned is None else planned.message)
         retreating = kind is MotionKind.RETREAT
-        if not retreating:
-            self._side = planned.side
         return JointMotion(
             planned.trajectory,
             self.limits,

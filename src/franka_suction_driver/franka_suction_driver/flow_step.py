@@ -23,6 +23,7 @@ from franka_suction_driver.trajectory import JointState
 STOP_BOUNDS = Bounds(0.1, 1.0, 40.0)
 _REPLACE_PERIOD = 0.05
 _SMALLEST_SHIFT = 5e-5
+_LARGEST_LEAD = 0.003
 _RELAX_TIME = 1.0
 
 
@@ -141,9 +142,11 @@ class FlowStep:
     def _give_way(self, clock: float, commanded: JointState, force: Array) -> Step:
         elapsed = clock - self._moved_on
         self._moved_on = clock
-        wanted = self._offset + force * self._params.admittance * elapsed
-        size = float(np.linalg.norm(wanted))
-        self._offset = wanted * min(1.0, self._params.max_offset / max(size, 1e-12))
+        now_at = self._reference.offset_state(clock).position
+        ahead = self._offset + force * self._params.admittance * elapsed - now_at
+        # What is asked for stays close to what is: it must not run on when the force is gone.
+        wanted = now_at + _shortened(ahead, _LARGEST_LEAD)
+        self._offset = _shortened(wanted, self._params.max_offset)
         due = self._replaced is None or clock - self._replaced >= _REPLACE_PERIOD - 1e-6
         goal = self._reference.offset.at(self._reference.offset.duration).position
         if not due or np.linalg.norm(self._offset - goal) < _SMALLEST_SHIFT:
@@ -183,3 +186,9 @@ class FlowStep:
             f"{self._distance * 100:.1f} cm: {self._planned.detail}"
         )
         return Ending(reason, message, True)
+
+
+def _shortened(vector: Array, longest: float) -> Array:
+    """The vector, or one of its direction with length `longest`."""
+    size = float(np.linalg.norm(vector))
+    return np.asarray(vector if size <= longest else vector * (longest / size))

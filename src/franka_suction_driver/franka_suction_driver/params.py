@@ -72,7 +72,7 @@ class PlanningParams:
         0.04, "Joint distance between two collision checks [rad]", minimum=0.005, maximum=0.2
     )
     continuation: float = parameter(
-        0.15, "Opening that should stay reachable beyond the contact [m]", minimum=0.0
+        0.18, "Opening that should stay reachable beyond the contact [m]", minimum=0.0
     )
     tilt_slack: float = parameter(
         0.26, "Tilt of the tool against the flow accepted to reach further [rad]", minimum=0.0
@@ -144,7 +144,7 @@ class FlowStepParams:
     )
     max_lead: float = parameter(0.2, "Largest turn ahead of the flow [rad]", minimum=0.0)
     force_limit: float = parameter(
-        30.0,
+        22.0,
         "Force on the tool that ends the step; below what breaks the cup loose [N]",
         minimum=1.0,
         read_only=False,

@@ -26,6 +26,7 @@ _TOLERANCE = 5e-4
 _SLOWINGS = (1.0, 0.75, 0.5, 0.3)
 _SHORTENINGS = 5
 _STEP_BACK = 0.004
+_MOST_SAMPLES = 50
 _GIVING_WAY = np.array([1.0, 1.0, 1.0, 0.05, 0.05])
 
 
@@ -190,7 +191,8 @@ class ToolFollower:
             now: Time on the motion's clock [s].
             start: Commanded joint state at that time.
         """
-        times = sample_times(reference.end - now, STEP)
+        duration = reference.end - now
+        times = sample_times(duration, max(STEP, duration / _MOST_SAMPLES))
         positions = np.empty((len(times), self._kinematics.dof))
         q = start.position
         for k, time in enumerate(times):
@@ -212,7 +214,7 @@ class ToolFollower:
         violation = self._limits.violation(trajectory)
         if violation is not None:
             travel = float(reference.travel(now + violation.time).position[0])
-            kind, _ = self._why(positions[min(len(times) - 1, int(violation.time / STEP))])
+            kind, _ = self._why(positions[int(np.searchsorted(times, violation.time))])
             return Rollout(trajectory, travel, kind, str(violation), too_fast=True)
         return Rollout(trajectory, float(reference.travel(reference.end).position[0]))
 
