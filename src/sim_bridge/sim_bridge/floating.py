@@ -238,7 +238,10 @@ class FloatingWorld:
         else:
             if goal.direction is None:
                 raise MotionRejectedError(f"{goal.kind} without a direction", allowed="a vector")
-            direction = unit(goal.direction)
+            try:
+                direction = unit(goal.direction)
+            except ValueError as error:
+                raise MotionRejectedError(f"{goal.kind} without a direction: {error}") from error
             if goal.kind is MotionKind.APPROACH:
                 reason, fraction, message = self._approach(goal.contact, direction)
             elif goal.kind is MotionKind.PROBE:

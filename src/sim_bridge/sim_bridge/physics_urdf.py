@@ -10,14 +10,20 @@ from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
+import trimesh
 from scipy.spatial import ConvexHull, QhullError
 
 from flowbothd_common.types import Array
-from sim_bridge.mesh import box_mesh, merge
+from sim_bridge.mesh import Mesh, box_mesh, merge
 from sim_bridge.objects.model import ObjectModel
 from sim_bridge.urdf import Shape, UrdfJoint, UrdfLink
 
 _DEFAULT_MASS = 1.0
+
+_COVER_TOLERANCE = 0.01
+"""How much smaller than the visible box of a link its collision meshes may be [m]."""
+
+_MOST_PIECES = 32
 
 
 @functools.cache
@@ -31,7 +37,8 @@ def scratch_folder() -> Path:
 def write_object(model: ObjectModel) -> Path:
     """Write the URDF of an object for PyBullet and return its path.
 
-    Moving links get one convex hull per collision mesh, fixed ones the triangles that are seen.
+    Moving links get one convex hull per collision mesh (per connected visible part, where the
+    collision meshes leave some of the link out), fixed ones the triangles that are seen.
     Every inertia is filled in (1 kg spread over the link's box where the source has none), joints
     that cannot be opened are fixed, visuals are left out.
     """
@@ -46,9 +53,7 @@ def write_object(model: ObjectModel) -> Path:
         _inertial(element, link, points, is_root=link.name == root)
     for joint in model.urdf.joints.values():
         _joint(robot, joint, movable=joint.name in model.joints)
-    path = folder / "object.urdf"
-    ET.ElementTree(robot).write(path)
-    return path
+    return _write(robot, folder / "object.urdf")
 
 
 def write_robot(urdf_text: str) -> Path:
@@ -57,39 +62,66 @@ def write_robot(urdf_text: str) -> Path:
     for link in robot.findall("link"):
         for visual in link.findall("visual"):
             link.remove(visual)
-    path = Path(tempfile.mkdtemp(dir=scratch_folder())) / "robot.urdf"
+    return _write(robot, Path(tempfile.mkdtemp(dir=scratch_folder())) / "robot.urdf")
+
+
+def _write(robot: ET.Element, path: Path) -> Path:
+    # PyBullet reads lines of 1024 characters and puts a line break after each, wherever that is.
+    ET.indent(robot)
     ET.ElementTree(robot).write(path)
     return path
 
 
 def _collisions(link: ET.Element, source: UrdfLink, folder: Path, *, static: bool) -> Array:
     """Add the collision shapes of a link; returns their corner points (N, 3) in the link frame."""
-    found = [np.zeros((0, 3))]
-    pieces: list[tuple[Array, list[list[int]]]] = []
-    for shape in source.collisions:
-        mesh = merge(shape.meshes())
-        if shape.kind == "mesh":
-            pieces.append(_hull(mesh.vertices))
-        else:
+    felt = [mesh for shape in source.collisions for mesh in shape.meshes()]
+    seen = [mesh for shape in source.visuals for mesh in shape.meshes()]
+    if all(shape.kind != "mesh" for shape in (*source.collisions, *source.visuals)):
+        for shape in source.collisions:
             _primitive(link, shape)
-        found.append(mesh.vertices)
-    if pieces and static:
+        return merge(felt).vertices
+    if static:
         # The hull of a door frame would close the very opening that its leaf stands in.
-        shapes = [s for s in source.visuals if s.kind == "mesh"] or source.collisions
-        mesh = merge([m for shape in shapes for m in shape.meshes()])
-        pieces = [(mesh.vertices, mesh.faces.tolist())]
+        whole = merge(seen or felt)
+        pieces = [(whole.vertices, whole.faces.tolist())]
+    else:
+        solid = felt if _covers(felt, seen) else _connected(merge(seen))
+        pieces = [_hull(mesh.vertices) for mesh in solid]
     if pieces:
         _mesh_collision(link, pieces, folder, concave=static)
-    return np.concatenate(found)
+    return np.concatenate([np.zeros((0, 3)), *(vertices for vertices, _ in pieces)])
+
+
+def _covers(felt: list[Mesh], seen: list[Mesh]) -> bool:
+    """Whether collision meshes reach as far as what is seen; some published ones do not."""
+    if not felt or not seen:
+        return bool(felt)
+    solid, visible = merge(felt).vertices, merge(seen).vertices
+    short = np.maximum(
+        solid.min(axis=0) - visible.min(axis=0), visible.max(axis=0) - solid.max(axis=0)
+    )
+    return bool(short.max() < _COVER_TOLERANCE)
+
+
+def _connected(mesh: Mesh) -> list[Mesh]:
+    """The parts of a mesh that do not hang together; the whole if they are too many.
+
+    (Decimated meshes may be a soup of triangles, in which connection means nothing.)
+    """
+    joined = trimesh.Trimesh(mesh.vertices, mesh.faces, process=True)
+    nodes = np.arange(len(joined.faces))
+    parts = trimesh.graph.connected_components(joined.face_adjacency, nodes=nodes)
+    if len(parts) > _MOST_PIECES:
+        return [mesh]
+    vertices = np.asarray(joined.vertices, dtype=np.float64)
+    faces = np.asarray(joined.faces, dtype=np.int32)
+    return [Mesh(vertices[np.unique(faces[part])], faces[:0]) for part in parts]
 
 
 def _mesh_collision(
     link: ET.Element, pieces: list[tuple[Array, list[list[int]]]], folder: Path, *, concave: bool
 ) -> None:
-    """One file with one object per piece, which Bullet makes a compound of.
-
-    (It loads at most 63 mesh files per URDF, and published objects have more.)
-    """
+    """One file with one object per piece, which Bullet makes a compound of."""
     lines: list[str] = []
     count = 1
     for number, (vertices, faces) in enumerate(pieces):

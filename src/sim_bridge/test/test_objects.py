@@ -139,8 +139,8 @@ def test_published_objects_load_as_they_are_found(raw_object):
     assert all(len(link.mesh.faces) for link in cabinet.links.values())
 
 
-def test_many_collision_meshes_are_loaded(raw_object):
-    """PyBullet refused the 64th mesh file of a URDF: published objects have about a hundred."""
+def test_all_collision_meshes_of_a_large_object_are_loaded(raw_object):
+    """Incident: PyBullet broke lines, file names included, after 1024 characters of URDF."""
     model = raw_object(41083)
     bullet = Bullet(1 / 240, 0.0)
     try:
