@@ -110,6 +110,21 @@ def compose_urdf(
     return ET.tostring(robot, encoding="unicode", xml_declaration=True)
 
 
+def read_description(path: str) -> str | None:
+    """Text of a robot description file; None, meaning the composed one, for an empty path.
+
+    Raises:
+        DescriptionError: there is no such file.
+    """
+    if not path:
+        return None
+    if not Path(path).is_file():
+        raise DescriptionError(
+            "the robot description file does not exist", got=path, hint="empty = compose one"
+        )
+    return Path(path).read_text(encoding="utf-8")
+
+
 def find_arm_urdf() -> Path:
     """Path of the Panda's URDF in the installed example-robot-data (PyPI wheel or ROS package).
 

@@ -25,6 +25,7 @@ _REPLACE_PERIOD = 0.05
 _SMALLEST_SHIFT = 5e-5
 _LARGEST_LEAD = 0.003
 _RELAX_TIME = 1.0
+_MOST_RELAXING = 0.012
 
 
 class FlowStep:
@@ -63,6 +64,7 @@ class FlowStep:
         self._began = began
         self._force = ForceFilter()
         self._offset: Array = np.zeros(3)
+        self._braked_at: Array = np.zeros(3)
         self._replaced: float | None = None
         self._moved_on = 0.0
         self._ending: Ending | None = None
@@ -146,7 +148,11 @@ class FlowStep:
         ahead = self._offset + force * self._params.admittance * elapsed - now_at
         # What is asked for stays close to what is: it must not run on when the force is gone.
         wanted = now_at + _shortened(ahead, _LARGEST_LEAD)
-        self._offset = _shortened(wanted, self._params.max_offset)
+        if self._relax_until is None:
+            self._offset = _shortened(wanted, self._params.max_offset)
+        else:
+            # Letting go is not to become a motion of its own, against a door that swings back.
+            self._offset = self._braked_at + _shortened(wanted - self._braked_at, _MOST_RELAXING)
         due = self._replaced is None or clock - self._replaced >= _REPLACE_PERIOD - 1e-6
         goal = self._reference.offset.at(self._reference.offset.duration).position
         if not due or np.linalg.norm(self._offset - goal) < _SMALLEST_SHIFT:
@@ -172,7 +178,7 @@ class FlowStep:
             return Step(ending=ending)
         self._reference.halt(clock, STOP_BOUNDS)
         self._reference.shift(clock, self._reference.offset_state(clock).position)
-        self._offset = self._reference.offset_state(clock).position
+        self._offset = self._braked_at = self._reference.offset_state(clock).position
         self._moved_on = self._replaced = clock
         return Step(self._follower.rollout(self._reference, clock, commanded).trajectory)
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 import time
 from concurrent.futures import Future, ThreadPoolExecutor
-from pathlib import Path
 from typing import Any
 
 from rclpy.clock import Clock, ClockType
@@ -14,8 +13,14 @@ from std_msgs.msg import String
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
-from flowbothd_common.errors import FlowBotError, MotionRejectedError, ParameterError
-from flowbothd_common.motion import MotionKind, MotionReason, MotionResult, RobotObservation
+from flowbothd_common.errors import FlowBotError, MotionRejectedError
+from flowbothd_common.motion import (
+    MotionGoal,
+    MotionKind,
+    MotionReason,
+    MotionResult,
+    RobotObservation,
+)
 from flowbothd_common.ros import qos
 from flowbothd_common.ros.conversions import to_goal, to_trajectory
 from flowbothd_common.ros.diagnostics import ERROR, OK, NodeStatus
@@ -23,6 +28,7 @@ from flowbothd_common.ros.liveness import MotionHeartbeat
 from flowbothd_common.ros.node_main import run_node
 from flowbothd_common.ros.parameters import declare
 from franka_suction_driver.actions_ros import ActiveGoal, MotionActions
+from franka_suction_driver.description import read_description
 from franka_suction_driver.executor import MotionExecutor, Prepared, make_kinematics
 from franka_suction_driver.inputs_ros import RobotInputs
 from franka_suction_driver.params import MotionNodeParams
@@ -38,7 +44,7 @@ class MotionNode(Node):
         super().__init__("motion_node", **kwargs)
         self._params = declare(self, MotionNodeParams)
         robot = self._params.robot
-        kinematics = make_kinematics(self._params, _description(robot.description_file))
+        kinematics = make_kinematics(self._params, read_description(robot.description_file))
         self._core = MotionExecutor(kinematics, self._params)
         self._inputs = RobotInputs(
             self,
@@ -75,16 +81,7 @@ class MotionNode(Node):
     def _accept(self, goal: ActiveGoal) -> None:
         """Plan in the background; malformed and second goals end at once with a reason."""
         try:
-            if self._goal is not None:
-                raise MotionRejectedError(
-                    f"{self._goal.kind.value} is still running", hint="wait for it, or stop it"
-                )
-            frame = goal.request.header.frame_id
-            if frame not in ("", self._params.robot.base_frame):
-                raise MotionRejectedError(
-                    "goal in another frame", got=frame, allowed=self._params.robot.base_frame
-                )
-            wanted = to_goal(goal.kind, goal.request)
+            wanted = self._checked(goal)
         except MotionRejectedError as error:
             self._finish(goal, MotionResult(goal.kind, MotionReason.REJECTED, str(error)))
             return
@@ -104,6 +101,16 @@ class MotionNode(Node):
             return self._core.prepare(wanted, seen)
 
         self._planning = self._planner.submit(plan)
+
+    def _checked(self, goal: ActiveGoal) -> MotionGoal:
+        if self._goal is not None:
+            raise MotionRejectedError(
+                f"{self._goal.kind.value} is still running", hint="wait for it, or stop it"
+            )
+        frame, base = goal.request.header.frame_id, self._params.robot.base_frame
+        if frame not in ("", base):
+            raise MotionRejectedError("goal in another frame", got=frame, allowed=base)
+        return to_goal(goal.kind, goal.request)
 
     def _guarded(self, kind: MotionKind) -> bool:
         return self._params.require_wrench and kind in (MotionKind.PROBE, MotionKind.FLOW_STEP)
@@ -177,16 +184,6 @@ class MotionNode(Node):
 
 def _late(deadline: float) -> bool:
     return time.monotonic() > deadline
-
-
-def _description(path: str) -> str | None:
-    if not path:
-        return None
-    if not Path(path).is_file():
-        raise ParameterError(
-            "parameter robot.description_file names no file", got=path, hint="empty = compose"
-        )
-    return Path(path).read_text(encoding="utf-8")
 
 
 def main(args: list[str] | None = None) -> int:
