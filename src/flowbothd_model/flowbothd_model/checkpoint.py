@@ -6,13 +6,14 @@ import json
 from dataclasses import dataclass
 from pathlib import Path
 
-from flowbothd_common.errors import CheckpointError
 from safetensors import SafetensorError, safe_open
 from safetensors.torch import save_file
 from torch import Tensor
 
+from flowbothd_common.errors import CheckpointError
 from flowbothd_model.config import ModelConfig
-from flowbothd_model.network import FlowNetwork, build
+from flowbothd_model.factory import build
+from flowbothd_model.network import FlowNetwork
 
 _FORMAT = "flowbothd-1"
 

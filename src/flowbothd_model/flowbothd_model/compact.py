@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import torch
 from torch import Tensor, nn
-from torch.nn import functional as fn
 
 from flowbothd_model.config import NetworkConfig
 from flowbothd_model.dit import (
@@ -47,7 +46,7 @@ class PatchEncoder(nn.Module):
         self.position = nn.Sequential(nn.Linear(3, width), nn.GELU(), nn.Linear(width, width))
 
     def forward(self, points: Tensor, values: Tensor | None) -> tuple[Tensor, Tensor, Tensor]:
-        """(B, N, 3) points, (B, N, C) values -> (B, T, D) tokens, (B, T, 3) centres, (B, T, 1) radii."""
+        """(B, N, 3), (B, N, C) -> (B, T, D) tokens, (B, T, 3) centres, (B, T, 1) radii."""
         total = points.shape[1]
         neighbours = max(4, min(64, round(self.neighbours * total / _DENSITY)))
         chosen = farthest_points(points, min(self.tokens, total))

@@ -162,7 +162,7 @@ class ModelConfig:
             raise ValueError(f"not a model configuration: {error}") from error
 
 
-def _build(kind: type, values: dict[str, Any], **enums: type[StrEnum]) -> Any:  # noqa: ANN401
+def _build(kind: type, values: dict[str, Any], **enums: type[StrEnum]) -> Any:
     """A configuration from plain values, with the enumerations restored."""
     return kind(**{k: enums[k](v) if k in enums else v for k, v in values.items()})
 
@@ -181,7 +181,7 @@ PRESETS: dict[str, ModelConfig] = {
     "paper-no-history": ModelConfig("paper-no-history", NetworkConfig(history=False)),
     "paper-no-diffusion": ModelConfig(
         "paper-no-diffusion",
-        NetworkConfig(diffusion=False),
+        NetworkConfig(diffusion=False, denoiser_layers=0),
         DiffusionConfig(target=Target.FLOW, steps=1),
         sampling_steps=1,
     ),

@@ -1,6 +1,6 @@
-"""The diffusion transformer's parts: adaptive layer norm blocks and the embedding of the noise level.
+"""Parts of the diffusion transformer: adaptive blocks and the embedding of the noise level.
 
-Peebles and Xie, Scalable Diffusion Models with Transformers (2023); sizes as in the FlowBotHD paper.
+Peebles and Xie, Scalable Diffusion Models with Transformers (2023).
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class PlainBlock(nn.Module):
 
 
 class AdaptiveBlock(nn.Module):
-    """A block whose norms are shifted, scaled and gated by the condition; starts as the identity."""
+    """A block shifted, scaled and gated by the condition; starts as the identity."""
 
     def __init__(self, width: int, heads: int) -> None:
         super().__init__()

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import torch
 from torch import Tensor
 
 from flowbothd_model.config import Frame
@@ -24,9 +23,5 @@ def into_frame(frame: Frame, points: Tensor, others: Tensor | None) -> tuple[Ten
 
 def max_normalised(flow: Tensor) -> Tensor:
     """(..., N, 3) flow over its largest norm plus 1e-6, cloud by cloud."""
-    return flow / (flow.norm(dim=-1).amax(-1) + 1e-6)[..., None, None]
-
-
-def finite(points: Tensor) -> bool:
-    """Whether every coordinate is."""
-    return bool(torch.isfinite(points).all())
+    scaled: Tensor = flow / (flow.norm(dim=-1).amax(-1) + 1e-6)[..., None, None]
+    return scaled

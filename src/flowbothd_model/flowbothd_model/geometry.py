@@ -1,4 +1,4 @@
-"""Farthest points, neighbours and interpolation weights: computed once per cloud, shared by every denoising step."""
+"""Farthest points, neighbours and interpolation weights: computed once per cloud."""
 
 from __future__ import annotations
 

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import torch
 from torch import Tensor, nn
-
-from flowbothd_model.config import Architecture, NetworkConfig
 
 
 @dataclass(frozen=True)
@@ -52,11 +49,14 @@ class Context:
         """Every cloud `times` times in a row, without encoding it again."""
         if times == 1:
             return self
+
+        def repeat(value: Tensor) -> Tensor:
+            if len(value) == 1:  # a view: nothing is copied for the samples of one cloud
+                return value.expand(times, *value.shape[1:])
+            return value.repeat_interleave(times, 0)
+
         return Context(
-            **{
-                name: None if value is None else value.repeat_interleave(times, 0)
-                for name, value in self._tensors.items()
-            }
+            **{name: None if v is None else repeat(v) for name, v in self._tensors.items()}
         )
 
 
@@ -81,17 +81,3 @@ class FlowNetwork(nn.Module):
         """Encode and denoise; `noisy` (B * k, N, 3) may hold k draws in a row for each cloud."""
         context = self.encode(points, history)
         return self.denoise(context.repeated(len(noisy) // len(points)), noisy, level)
-
-
-def build(config: NetworkConfig, generator: torch.Generator | None = None) -> FlowNetwork:
-    """The network of `config`, initialised from `generator` (the global one is left as it was)."""
-    # Here, since both networks are built on this module.
-    kind: Callable[[NetworkConfig], FlowNetwork]
-    if config.architecture is Architecture.COMPACT:
-        from flowbothd_model.compact import CompactNetwork as kind
-    else:
-        from flowbothd_model.paper import PaperNetwork as kind
-    seed = int(torch.randint(2**62, (1,), generator=generator)) if generator else 0
-    with torch.random.fork_rng(devices=[]):
-        torch.manual_seed(seed)
-        return kind(config)

@@ -1,4 +1,4 @@
-"""One training loss: frame, noise, network, error. Chance comes from the seed and the step alone."""
+"""One training loss: frame, noise, network, error. Chance comes from seed and step."""
 
 from __future__ import annotations
 

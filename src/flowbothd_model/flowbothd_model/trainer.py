@@ -20,7 +20,7 @@ from torch.utils.data import DataLoader
 from flowbothd_model.checkpoint import read_checkpoint, save_checkpoint
 from flowbothd_model.config import PRESETS
 from flowbothd_model.data.stream import Batch, BatchStream, Mixture
-from flowbothd_model.network import build
+from flowbothd_model.factory import build
 from flowbothd_model.objective import step_generator, training_loss
 from flowbothd_model.run_log import RunLog
 from flowbothd_model.train_config import TrainConfig
@@ -112,7 +112,7 @@ class Trainer:
                 if self._due(self.config.validate_every):
                     self._validate()
         self.save()
-        if self._validation is not None and self.step >= self.config.steps:
+        if self.step >= self.config.steps and not self._due(self.config.validate_every):
             self._validate()
         return loss
 
@@ -137,7 +137,7 @@ class Trainer:
                 config.draws,
             )
         self._optimiser.zero_grad(set_to_none=True)
-        loss.backward()
+        torch.autograd.backward(loss)
         nn.utils.clip_grad_norm_(self.network.parameters(), config.clip)
         self._optimiser.step()
         self.step += 1

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
+from numpy.typing import NDArray
+
 from flowbothd_common.errors import ObjectModelError
 from flowbothd_common.types import Array
-from numpy.typing import NDArray
 
 Ints = NDArray[np.int64]
 
@@ -79,7 +80,7 @@ class ArticulatedObject:
         if self.faces.min() < 0 or self.faces.max() >= len(self.vertices):
             raise ObjectModelError(f"object {self.name} has faces with unknown vertices")
         if len(self.vertex_link) != len(self.vertices) or not (
-            0 <= self.vertex_link.min() and self.vertex_link.max() < len(self.joints)
+            self.vertex_link.min() >= 0 and self.vertex_link.max() < len(self.joints)
         ):
             raise ObjectModelError(f"object {self.name} has vertices of unknown links")
         for index, joint in enumerate(self.joints):

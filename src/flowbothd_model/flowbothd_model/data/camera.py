@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 import numpy as np
+
 from flowbothd_common.transforms import unit
 from flowbothd_common.types import Array
 

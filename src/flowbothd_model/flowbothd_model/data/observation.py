@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import torch
-from flowbothd_common.types import Array, Cloud
 from torch import Tensor
 
+from flowbothd_common.types import Array, Cloud
 from flowbothd_model.data.articulated import (
     ArticulatedObject,
     Ints,
@@ -79,7 +79,7 @@ def observe(
 def _grid_over(
     in_camera: Tensor, view: View, rays: int, rng: np.random.Generator
 ) -> PixelGrid | None:
-    """A square-pixel grid of about `rays` a side over the part of the image that holds the object."""
+    """A grid of about `rays` squared square pixels over the object, as far as it is in view."""
     ahead = in_camera[in_camera[:, 2] > 0.05]
     if len(ahead) == 0:
         return None

@@ -7,9 +7,9 @@ import xml.etree.ElementTree as ET
 from pathlib import Path
 
 import numpy as np
+
 from flowbothd_common.errors import ObjectModelError
 from flowbothd_common.types import Array
-
 from flowbothd_model.data.articulated import ArticulatedObject, Ints, JointKind, LinkJoint
 
 
@@ -25,7 +25,7 @@ def load_partnet(folder: Path, category: str | None = None) -> ArticulatedObject
     """
     urdf = folder / "mobility.urdf"
     try:
-        root = ET.parse(urdf).getroot()  # noqa: S314 - a local data file, no network entities
+        root = ET.parse(urdf).getroot()
     except (OSError, ET.ParseError) as error:
         raise ObjectModelError(
             f"{folder.name} is not a PartNet-Mobility object",

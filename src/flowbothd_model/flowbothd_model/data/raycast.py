@@ -1,8 +1,8 @@
 """One ray per pixel against a triangle soup, in plain torch: exact, batched, on CPU or GPU.
 
-A ray through a pixel meets a triangle exactly when the pixel lies in the triangle's projection, so the rays that
-meet a triangle are found row by row: the columns between its edges. The cost follows the covered area, not rays times
-triangles.
+A ray through a pixel meets a triangle exactly when the pixel lies in the triangle's projection, so
+the rays that meet a triangle are found row by row: the columns between its edges. The cost follows
+the covered area, not rays times triangles.
 """
 
 from __future__ import annotations
@@ -116,4 +116,4 @@ def _chunks(counts: Tensor) -> list[Tensor]:
     used = torch.nonzero(counts).flatten()
     group = torch.div(counts[used].cumsum(0), _CHUNK, rounding_mode="floor")
     sizes = torch.unique_consecutive(group, return_counts=True)[1].tolist() if len(used) else []
-    return list(used.split(sizes)) if sizes else []
+    return list(torch.split(used, sizes)) if sizes else []

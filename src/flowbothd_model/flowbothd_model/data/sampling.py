@@ -7,8 +7,8 @@ from enum import StrEnum
 
 import numpy as np
 import torch
-from flowbothd_common.types import Array
 
+from flowbothd_common.types import Array
 from flowbothd_model.data.articulated import ArticulatedObject
 from flowbothd_model.data.camera import View, ViewPreset, paper_view, robot_view
 from flowbothd_model.data.observation import Observation, observe, turned

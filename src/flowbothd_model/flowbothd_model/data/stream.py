@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import logging
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 import torch
-from flowbothd_common.errors import ObjectModelError
 from torch import Tensor
 from torch.utils.data import IterableDataset, get_worker_info
 
+from flowbothd_common.errors import ObjectModelError
 from flowbothd_model.data.articulated import ArticulatedObject
 from flowbothd_model.data.partnet import load_partnet
 from flowbothd_model.data.procedural.catalogue import HELD_OUT_FROM, MAKERS, make
@@ -147,7 +147,7 @@ class Mixture:
     """
 
     sources: tuple[tuple[ObjectSource, float], ...]
-    sample: SampleConfig = SampleConfig()
+    sample: SampleConfig = field(default_factory=SampleConfig)
     situations: tuple[tuple[Situation, float], ...] = (
         (Situation.CLOSED, 1.0),
         (Situation.OPEN, 1.0),

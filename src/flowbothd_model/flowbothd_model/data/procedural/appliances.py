@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+
 import numpy as np
 
 from flowbothd_model.data.articulated import ArticulatedObject
@@ -53,7 +55,7 @@ def refrigerator(rng: np.random.Generator, name: str) -> ArticulatedObject:
     )
     side = str(rng.choice(["left", "right"]))
     pair = rng.random() < 0.3 and width > 0.65
-    for k, (z0, z1) in enumerate(zip(levels[:-1], levels[1:], strict=True)):
+    for k, (z0, z1) in enumerate(itertools.pairwise(levels)):
         if k:
             builder.box(
                 builder.body, (-depth / 2, -width / 2, z0 - 0.02), (depth / 2, width / 2, z0 + 0.02)
@@ -105,7 +107,7 @@ def oven(rng: np.random.Generator, name: str) -> ArticulatedObject:
     edges = [drawer_height, height - panel - 0.005]
     if split:
         edges.insert(1, sum(edges) / 2)
-    for z0, z1 in zip(edges[:-1], edges[1:], strict=True):
+    for z0, z1 in itertools.pairwise(edges):
         side = "bottom" if rng.random() < 0.9 else str(rng.choice(["left", "right"]))
         low, high = _front(depth, thick, -width / 2, width / 2, z0 + 0.004, z1 - 0.004)
         hinged_front(builder, low, high, side, float(rng.uniform(1.2, 1.6)), handled)

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Sequence
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
-from flowbothd_common.types import Array
+from numpy.typing import NDArray
 
+from flowbothd_common.types import Array
 from flowbothd_model.data.articulated import (
     ArticulatedObject,
     Ints,
@@ -16,7 +19,7 @@ from flowbothd_model.data.articulated import (
     axis_rotation,
 )
 
-Vector = Sequence[float]
+Vector = Sequence[float] | NDArray[Any]
 _BOX_FACES = np.array(
     [[0, 2, 1], [1, 2, 3], [4, 5, 6], [5, 7, 6], [0, 1, 4], [1, 5, 4],
      [2, 6, 3], [3, 6, 7], [0, 4, 2], [2, 4, 6], [1, 3, 5], [3, 7, 5]]
@@ -156,7 +159,7 @@ class Builder:
             np.asarray(center) + axis_rotation(unit_axis, angle * k / pieces) @ arm
             for k in range(pieces + 1)
         ]
-        for a, b in zip(points[:-1], points[1:], strict=True):
+        for a, b in itertools.pairwise(points):
             self.rod(link, a, b, radius, 6)
 
     def handle(
@@ -204,7 +207,8 @@ class Builder:
             stem = abs(depth)
             self.turned(
                 link, base, (out, 0.0, 0.0),
-                [(radius * 0.5, 0.0), (radius * 0.5, stem * 0.5), (radius, stem * 0.6), (radius, stem), (0.0, stem)], 10,
+                [(radius * 0.5, 0.0), (radius * 0.5, stem * 0.5), (radius, stem * 0.6),
+                 (radius, stem), (0.0, stem)], 10,
             )  # fmt: skip
         else:
             half = 0.5 * length * along + np.array([0.0, thick, thick])

@@ -36,13 +36,13 @@ def box(rng: np.random.Generator, name: str) -> ArticulatedObject:
             builder.handle(lid, (-half_x - wall, 0, height), 0.2 * width, False)
         return builder.finish(name, "Box")
     across = rng.random() < 0.5
-    if flaps == 2 and not across or flaps == 4:
+    if (flaps == 2 and not across) or flaps == 4:
         for sign in (-1.0, 1.0):
             lid = builder.hinge((0, sign * half_y, height), (-sign, 0, 0), upper)
             inner = 0.0 if flaps == 2 else sign * half_y * float(rng.uniform(0.3, 0.7))
             ends = sorted((inner, sign * half_y))
             builder.box(lid, (-half_x, ends[0], height), (half_x, ends[1], height + wall / 2))
-    if flaps == 2 and across or flaps == 4:
+    if (flaps == 2 and across) or flaps == 4:
         base = height + (wall / 2 if flaps == 4 else 0.0)
         for sign in (-1.0, 1.0):
             lid = builder.hinge((sign * half_x, 0, base), (0, sign, 0), upper)
@@ -86,8 +86,9 @@ def _lid(builder: Builder, link: int, radius: float, z: float) -> None:
     knob = radius * float(rng.uniform(0.08, 0.2))
     builder.turned(
         link, (0, 0, z), (0, 0, 1),
-        [(0.0, 0.0), (radius, 0.0), (radius, 0.04 * radius), (0.5 * radius, 0.8 * dome), (0.4 * knob, dome),
-         (0.4 * knob, dome + 0.6 * knob), (knob, dome + knob), (knob, dome + 1.6 * knob), (0.0, dome + 1.8 * knob)], 20,
+        [(0.0, 0.0), (radius, 0.0), (radius, 0.04 * radius), (0.5 * radius, 0.8 * dome),
+         (0.4 * knob, dome), (0.4 * knob, dome + 0.6 * knob), (knob, dome + knob),
+         (knob, dome + 1.6 * knob), (0.0, dome + 1.8 * knob)], 20,
     )  # fmt: skip
 
 
@@ -113,7 +114,7 @@ def kitchen_pot(rng: np.random.Generator, name: str) -> ArticulatedObject:
             builder.arc(
                 builder.body,
                 center,
-                center + (0.3 * radius, 0, 0),
+                center + np.array([0.3 * radius, 0.0, 0.0]),
                 (0, 0, sign),
                 np.pi,
                 0.05 * radius,

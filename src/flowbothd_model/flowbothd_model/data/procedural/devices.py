@@ -135,7 +135,7 @@ def switch(rng: np.random.Generator, name: str) -> ArticulatedObject:
             link = builder.hinge((0, y, z), (0, up, 0), float(rng.uniform(0.5, 1.2)))
             end = np.array([-0.25 * height, y, z - up * 0.1 * height])
             builder.rod(link, (0, y, z), end, 0.2 * half, 8)
-            builder.rod(link, end, end + (-0.02, 0, 0), 0.3 * half, 8)
+            builder.rod(link, end, end + np.array([-0.02, 0.0, 0.0]), 0.3 * half, 8)
         elif style == "knob":
             link = builder.hinge((0, y, z), (1, 0, 0), float(rng.uniform(1.5, 5.0)))
             builder.rod(link, (0, y, z), (-0.3 * cell, y, z), half, 14)
