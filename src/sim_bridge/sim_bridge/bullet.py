@@ -181,9 +181,10 @@ class Bullet:
     def link_pose(self, body: int, link: int) -> Array:
         """(4, 4) pose of a link frame in base."""
         if link < 0:
-            position, quaternion = p.getBasePositionAndOrientation(
-                body, physicsClientId=self.client
-            )
+            # PyBullet tells the base's centre of mass; its offset from the link frame is fixed.
+            base = p.getBasePositionAndOrientation(body, physicsClientId=self.client)
+            offset = p.getDynamicsInfo(body, -1, physicsClientId=self.client)[3:5]
+            position, quaternion = p.multiplyTransforms(*base, *p.invertTransform(*offset))
         else:
             state = p.getLinkState(
                 body, link, computeForwardKinematics=1, physicsClientId=self.client

@@ -41,8 +41,7 @@ class FloatingParams:
         passes_others: The gripper passes through every link but the one that it is sent to. A ball
             that comes along the flow to the edge of a leaf touches the jamb first; the reference
             takes hold of whatever is touched, and pulls at the jamb for the rest of the trial.
-        below_closed: How far a joint may be pressed below its closed limit before the rollout
-            gives the grasp up and closes it, as the reference does [rad or m].
+        stall_fraction: A pull that moves the part by less than this share of its way has stalled.
         eye: Of the camera [m].
         look_at: What the camera looks at [m].
         camera: Its lens.
@@ -57,7 +56,7 @@ class FloatingParams:
     mass: float = 5.0
     grip_force: float = 2000.0
     passes_others: bool = True
-    below_closed: float = 1e-3
+    stall_fraction: float = 0.1
     eye: tuple[float, float, float] = (-2.0, 0.0, 2.0)
     look_at: tuple[float, float, float] = (0.0, 0.0, 0.5)
     camera: Intrinsics = PAPER_CAMERA
@@ -130,7 +129,6 @@ class FloatingWorld:
             grip_force=numbers.grip_force,
         )
         self._vacuum = 0.0
-        self._detached = False
         self._ticks = 0
         self._bullet.update_collisions()
 
@@ -209,15 +207,14 @@ class FloatingWorld:
         self._vacuum = float(vacuum)
         if vacuum <= 0:
             self._gripper.release()
-            self._detached = False
-        elif self._gripper.held_link is None:
+            elif self._gripper.held_link is None:
             self._bullet.update_collisions()
             self._gripper.hold()
 
     def suction(self) -> SuctionReading:
         """What a pump would measure."""
         held = self._gripper.held_link is not None
-        return SuctionReading(self._vacuum if held else 0.0, held, self._detached)
+        return SuctionReading(self._vacuum if held else 0.0, held)
 
     def held_link(self) -> str | None:
         """Name of the link that is held."""
@@ -295,22 +292,9 @@ class FloatingWorld:
         # The ball may have been drawn away from a part that could not follow: it goes back to it.
         self._gripper.place_tip(after)
         fraction = float(np.linalg.norm(after - before)) / (steps * per_step)
-        closed = self._close_what_is_below_closed()
-        if closed:
-            self._gripper.release()
-            self._detached = True
-            message = f"{', '.join(closed)} was pressed below closed; set to closed, grasp given up"
-            return MotionReason.SUCTION_LOST, fraction, message
+        if fraction < self.params.stall_fraction:
+            return MotionReason.STALLED, fraction, "the part did not follow"
         return MotionReason.REACHED, fraction, ""
-
-    def _close_what_is_below_closed(self) -> list[str]:
-        below = [
-            name
-            for name, value in self.object_positions().items()
-            if value < self.model.joints[name].lower - self.params.below_closed
-        ]
-        self._object.set_joints({name: self.model.joints[name].lower for name in below})
-        return below
 
     def _link_at(self, contact: Array) -> int | None:
         """Id of the link that the gripper may touch: the nearest one to the contact point."""
