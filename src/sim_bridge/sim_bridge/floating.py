@@ -207,7 +207,7 @@ class FloatingWorld:
         self._vacuum = float(vacuum)
         if vacuum <= 0:
             self._gripper.release()
-            elif self._gripper.held_link is None:
+        elif self._gripper.held_link is None:
             self._bullet.update_collisions()
             self._gripper.hold()
 
