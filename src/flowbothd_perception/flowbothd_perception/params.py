@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 
 from flowbothd_common.errors import ParameterError
 from flowbothd_common.parameters import parameter
+from flowbothd_common.transforms import rotation_from_quaternion, transform
+from flowbothd_common.types import Array
 
 
 @dataclass(frozen=True)
@@ -65,7 +67,10 @@ class OutlierParams:
     """Removal of flying pixels and of what the robot filter leaves along the arm's outline."""
 
     candidates: int = parameter(
-        12000, "points drawn from the frame before outliers are sought", minimum=1
+        10000,
+        "points of the workspace that are looked at a time, drawn at random; half as many off the "
+        "robot are enough",
+        minimum=1,
     )
     neighbours: int = parameter(
         12, "neighbours whose mean distance is judged; 0 = no outlier removal", minimum=0
@@ -121,6 +126,22 @@ class CameraParams:
         "", "frame id that images must carry; empty = any, all taken as the optical frame"
     )
 
+    @property
+    def T_base_camera(self) -> Array:
+        """(4, 4) pose of the optical frame.
+
+        Raises:
+            ParameterError: position or orientation is missing or malformed.
+        """
+        if len(self.position) != 3 or len(self.quaternion) != 4 or not any(self.quaternion):
+            raise ParameterError(
+                "the camera's pose is not calibrated",
+                got=f"camera.position {self.position}, camera.quaternion {self.quaternion}",
+                allowed="3 numbers [m] and a quaternion xyzw",
+                hint="give both as parameters of perception_node; they are never guessed",
+            )
+        return transform(rotation_from_quaternion(self.quaternion), self.position)
+
 
 @dataclass(frozen=True)
 class PerceptionNodeParams(PipelineParams):
@@ -137,7 +158,10 @@ class PerceptionNodeParams(PipelineParams):
     joint_gap: float = parameter(
         0.1, "longest gap between joint states to interpolate over [s]", minimum=0.001
     )
-    input_timeout: float = parameter(
-        0.7, "silence of an input after which it is missing, steady clock [s]", minimum=0.05
+    joint_timeout: float = parameter(
+        0.7, "silence of joint_states after which they are missing, steady clock [s]", minimum=0.05
+    )
+    image_timeout: float = parameter(
+        2.0, "silence of the camera after which it is missing, steady clock [s]", minimum=0.05
     )
     camera: CameraParams = field(default_factory=CameraParams)

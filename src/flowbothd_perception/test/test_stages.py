@@ -1,0 +1,134 @@
+"""Crop, outliers, sampling and the joint buffer: properties that hold for any cloud."""
+
+import numpy as np
+import pytest
+
+from flowbothd_common.errors import ParameterError
+from flowbothd_common.transforms import apply, look_at
+from flowbothd_perception.crop import crop_to_base, inside_box
+from flowbothd_perception.joint_buffer import JointBuffer
+from flowbothd_perception.outliers import inliers
+from flowbothd_perception.params import CameraParams, CropParams, OutlierParams
+from flowbothd_perception.sampling import sample
+
+CAMERA = look_at((0.5, -1.1, 0.7), (0.55, 0, 0.2))
+
+
+def rows(cloud):
+    return {row.tobytes() for row in cloud}
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_crop_is_the_box_after_the_transform(seed):
+    rng = np.random.default_rng(seed)
+    points = rng.normal(scale=1.0, size=(5000, 3)).astype(np.float32)
+    cropped = crop_to_base(points, CAMERA, CropParams())
+    base = apply(CAMERA, points)
+    np.testing.assert_allclose(cropped, base[inside_box(base, CropParams())], atol=1e-5)
+    assert 0 < len(cropped) < len(points)
+
+
+def test_crop_is_idempotent_and_monotone():
+    points = np.random.default_rng(0).uniform(-1, 2, (5000, 3)).astype(np.float32)
+    once = points[inside_box(points, CropParams())]
+    assert inside_box(once, CropParams()).all()
+    larger = CropParams(min_corner=(-0.1, -0.7, 0.0), max_corner=(1.4, 0.7, 1.2))
+    assert rows(once) <= rows(points[inside_box(points, larger)])
+    assert once[:, 2].min() >= np.float32(0.02)
+
+
+def test_points_that_are_not_finite_are_outside():
+    points = np.array([[np.nan, 0, 0.1], [0.5, 0, np.inf], [0.5, 0, 0.1]], np.float32)
+    np.testing.assert_array_equal(inside_box(points, CropParams()), [False, False, True])
+    np.testing.assert_array_equal(crop_to_base(points, np.eye(4), CropParams()), points[2:])
+
+
+def test_an_empty_workspace_is_refused():
+    with pytest.raises(ParameterError, match=r"crop.min_corner below crop.max_corner"):
+        CropParams(min_corner=(1.0, 0.0, 0.0), max_corner=(0.5, 1.0, 1.0))
+
+
+def test_a_missing_calibration_is_never_guessed():
+    with pytest.raises(ParameterError, match=r"not calibrated.*perception_node.*never guessed"):
+        _ = CameraParams().T_base_camera
+
+
+def test_flying_pixels_go_and_the_surface_stays():
+    rng = np.random.default_rng(0)
+    wall = np.column_stack([np.full(4000, 0.5), rng.uniform(0, 0.3, (4000, 2))])
+    flying = rng.uniform((0.1, 0, 0), (0.45, 0.3, 0.3), (60, 3))
+    keep = inliers(np.concatenate([wall, flying]).astype(np.float32), OutlierParams())
+    assert keep[:4000].mean() > 0.99
+    assert keep[4000:].mean() < 0.05
+
+
+def test_a_small_clump_goes_a_large_one_stays():
+    rng = np.random.default_rng(0)
+    parts = [rng.uniform(0, 0.2, (3000, 3)), rng.uniform(0, 0.02, (30, 3)) + 0.6]
+    keep = inliers(np.concatenate(parts).astype(np.float32), OutlierParams())
+    assert keep[:3000].mean() > 0.95
+    assert not keep[3000:].any()
+
+
+@pytest.mark.parametrize("count", [0, 1, 5, 13])
+def test_tiny_clouds_are_kept_whole(count):
+    assert inliers(np.zeros((count, 3), np.float32), OutlierParams()).all()
+
+
+def test_sampling_is_seeded_and_without_repetition():
+    points = np.arange(3000, dtype=np.float32).reshape(-1, 3)
+    chosen = sample(points, 100, np.random.default_rng(1))
+    assert len(rows(chosen)) == 100
+    assert rows(chosen) <= rows(points)
+    np.testing.assert_array_equal(chosen, sample(points, 100, np.random.default_rng(1)))
+    assert sample(points, 5000, np.random.default_rng(1)) is points
+
+
+def test_joints_are_interpolated_between_states():
+    buffer = JointBuffer(("a", "b"))
+    buffer.add(1.0, ("b", "x", "a"), (10.0, 0.0, 0.0))
+    buffer.add(1.05, ("a", "b"), (1.0, 20.0))
+    positions, why = buffer.at(1.025)
+    assert why == ""
+    np.testing.assert_allclose(positions, (0.5, 15.0))
+    assert buffer.covers(1.05)
+    assert not buffer.covers(1.06)
+
+
+@pytest.mark.parametrize(
+    ("stamp", "why"),
+    [
+        (0.5, "begin 0.500 s after"),
+        (1.5, "no joint states for 1.000 s"),
+        (2.2, "end 0.200 s before"),
+    ],
+)
+def test_an_image_without_joint_states_is_not_passed_on(stamp, why):
+    buffer = JointBuffer(("a",), gap=0.1)
+    assert buffer.at(1.0) == (None, "no joint states yet")
+    buffer.add(1.0, ("a",), (0.0,))
+    buffer.add(2.0, ("a",), (1.0,))
+    positions, message = buffer.at(stamp)
+    assert positions is None
+    assert why in message
+
+
+def test_a_reset_of_time_empties_the_buffer():
+    buffer = JointBuffer(("a",))
+    buffer.add(100.0, ("a",), (5.0,))
+    buffer.add(1.0, ("a",), (0.0,))
+    assert buffer.at(100.0)[0] is None
+    np.testing.assert_allclose(buffer.at(1.0)[0], [0.0])
+
+
+def test_the_buffer_stays_small():
+    buffer = JointBuffer(("a",), length=10)
+    for k in range(1000):
+        buffer.add(k * 0.01, ("a",), (float(k),))
+    np.testing.assert_allclose(buffer.at(9.985)[0], [998.5])
+    assert buffer.at(1.0)[0] is None
+
+
+def test_a_missing_joint_is_named():
+    with pytest.raises(KeyError, match=r"joints missing: \['b'\]; present: \['a'\]"):
+        JointBuffer(("a", "b")).add(0.0, ("a",), (0.0,))
