@@ -12,7 +12,6 @@ from franka_suction_driver.kinematics import Kinematics
 from franka_suction_driver.motion_step import Ending, ForceFilter, Step
 from franka_suction_driver.params import FlowStepParams
 from franka_suction_driver.tool_motion import (
-    OFFSET_BOUNDS,
     Bounds,
     Reference,
     Rollout,
@@ -157,16 +156,15 @@ class FlowStep:
         goal = self._reference.offset.at(self._reference.offset.duration).position
         if not due or np.linalg.norm(self._offset - goal) < _SMALLEST_SHIFT:
             return Step()
-        for slowing in (1.0, 0.4):
-            candidate = replace(self._reference)
-            candidate.shift(clock, self._offset, OFFSET_BOUNDS.scaled(slowing))
-            rollout = self._follower.rollout(candidate, clock, commanded)
-            if rollout.good:
-                self._reference = candidate
-                self._replaced = clock
-                return Step(rollout.trajectory)
-        # The arm cannot give way further: the force guard decides what becomes of it.
-        return Step()
+        candidate = replace(self._reference)
+        candidate.shift(clock, self._offset)
+        rollout = self._follower.rollout(candidate, clock, commanded)
+        if not rollout.good:
+            # The arm cannot give way further: the force guard decides what becomes of it.
+            return Step()
+        self._reference = candidate
+        self._replaced = clock
+        return Step(rollout.trajectory)
 
     def _brake(self, clock: float, commanded: JointState, ending: Ending) -> Step:
         if self._ending is not None and ending.reason is not MotionReason.STOPPED:

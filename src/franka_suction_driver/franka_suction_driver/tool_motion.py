@@ -127,9 +127,13 @@ class Reference:
         )
         self.along_since = time
 
-    def shift(self, time: float, goal: Array, bounds: Bounds = OFFSET_BOUNDS) -> None:
-        """From `time` on, move the offset to `goal` (3,) [m]."""
-        self.offset = _move(self.offset_state(time), goal, bounds)
+    def shift(self, time: float, goal: Array) -> None:
+        """From `time` on, move the offset to `goal` (3,) [m].
+
+        The bounds are always the same: with tighter ones than the running motion was made for,
+        it could only be stopped after a long way.
+        """
+        self.offset = _move(self.offset_state(time), goal, OFFSET_BOUNDS)
         self.offset_since = time
 
     def pose(self, time: float) -> tuple[Array, Array]:

@@ -1,0 +1,105 @@
+"""Shared robot and a small recording arm that follows trajectories exactly."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from flowbothd_common.motion import JointTrajectory, MotionGoal, MotionResult, RobotObservation
+from franka_suction_driver.executor import MotionExecutor, make_kinematics
+from franka_suction_driver.kinematics import Kinematics
+from franka_suction_driver.limits import JointLimits, limits_from
+from franka_suction_driver.params import MotionParams
+from franka_suction_driver.trajectory import JointState, state_at
+
+START = np.array(MotionParams().robot.start_positions)
+Force = Callable[[np.ndarray], np.ndarray]
+
+
+@pytest.fixture(scope="session")
+def robot() -> Kinematics:
+    return make_kinematics(MotionParams())
+
+
+@pytest.fixture(scope="session")
+def limits(robot: Kinematics) -> JointLimits:
+    params = MotionParams().robot
+    return limits_from(robot, params.acceleration_limits, params.jerk_limits)
+
+
+class FakeArm:
+    """An arm that does exactly what trajectories say, in a world given as a force field.
+
+    Attributes:
+        force: Maps the tip position (3,) to the force on the tool (3,) [N].
+        vacuum: Maps the tip position to whether the cup holds.
+        issued: Every trajectory with the time it came and the state it was entered from.
+        fractions: Progress reported at every tick.
+    """
+
+    def __init__(self, robot: Kinematics, q: np.ndarray, period: float = 1 / 60) -> None:
+        self.robot = robot
+        self.period = period
+        self.time = 5.0
+        self.state = JointState.at_rest(q)
+        self.force: Force = lambda tip: np.zeros(3)
+        self.vacuum: Callable[[np.ndarray], bool] = lambda tip: False
+        self.vacuum_lost = False
+        self.wrench_known = True
+        self.follows = True
+        self.issued: list[tuple[float, JointState, JointTrajectory]] = []
+        self.fractions: list[float] = []
+        self.tips: list[np.ndarray] = []
+
+    @property
+    def tip(self) -> np.ndarray:
+        return self.robot.tip(self.state.position).position
+
+    def observe(self) -> RobotObservation:
+        tip = self.tip
+        wrench = np.concatenate([self.force(tip), np.zeros(3)]) if self.wrench_known else None
+        return RobotObservation(
+            self.time,
+            self.state.position.copy(),
+            self.state.velocity.copy(),
+            wrench,
+            self.vacuum(tip),
+            self.vacuum_lost,
+        )
+
+    def take(self, trajectory: JointTrajectory) -> None:
+        self.issued.append((self.time, self.state, trajectory))
+
+    def advance(self) -> None:
+        self.time += self.period
+        if self.issued and self.follows:
+            since, entered, trajectory = self.issued[-1]
+            self.state = state_at(trajectory, entered, self.time - since)
+        self.tips.append(self.tip)
+
+    def finish(self, executor: MotionExecutor, limit: float = 30.0) -> MotionResult:
+        """Tick until the running motion ends; fails if it does not within `limit` seconds."""
+        end = self.time + limit
+        while self.time < end:
+            update = executor.tick(self.observe())
+            self.fractions.append(update.fraction)
+            if update.trajectory is not None:
+                self.take(update.trajectory)
+            if update.result is not None:
+                return update.result
+            self.advance()
+        raise AssertionError(f"the motion did not end within {limit} s")
+
+    def run(self, executor: MotionExecutor, goal: MotionGoal, limit: float = 30.0) -> MotionResult:
+        executor.start(goal, self.observe())
+        return self.finish(executor, limit)
+
+
+@pytest.fixture
+def make_arm(robot: Kinematics) -> Callable[..., FakeArm]:
+    def make(q: np.ndarray = START) -> FakeArm:
+        return FakeArm(robot, np.array(q))
+
+    return make
