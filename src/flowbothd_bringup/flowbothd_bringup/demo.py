@@ -54,7 +54,7 @@ def run(arguments: argparse.Namespace) -> int:
         required=True,
     )
     domain = own_domain() if arguments.domain is None else arguments.domain
-    code = run_graph([*sim_processes(file), operator], node_environment(domain))
+    code = run_graph([*sim_processes(file, required=True), operator], node_environment(domain))
     summary = arguments.out / "summary.json"
     if code == 0:
         sys.stdout.write(f"\nopened; see {arguments.out / 'report.html'}\n")

@@ -64,10 +64,18 @@ def _flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     return result
 
 
+class _PlainDumper(yaml.SafeDumper):
+    """ROS refuses YAML in which one list stands for two parameters."""
+
+    def ignore_aliases(self, data: Any) -> bool:
+        """Write equal lists twice."""
+        return True
+
+
 def write_parameters(path: Path, parameters: Parameters) -> None:
     """Write parameters as the ROS YAML file that `--params-file` takes."""
     content = {node: {"ros__parameters": values} for node, values in parameters.items()}
-    path.write_text(yaml.safe_dump(content, sort_keys=True))
+    path.write_text(yaml.dump(content, Dumper=_PlainDumper, sort_keys=True))
 
 
 def check_object(scene: Scene, options: RunOptions) -> None:
@@ -104,12 +112,18 @@ def sim_parameters(scene: Scene, options: RunOptions) -> Parameters:
     return result
 
 
-def sim_processes(parameters_file: Path) -> list[NodeProcess]:
-    """The processes of the graph against the simulation."""
+def sim_processes(parameters_file: Path, *, required: bool = False) -> list[NodeProcess]:
+    """The processes of the graph against the simulation.
+
+    Args:
+        parameters_file: For all nodes.
+        required: Whether the graph ends when any of them does.
+    """
     return [
         NodeProcess(
             name,
             (sys.executable, "-m", module, "--ros-args", "--params-file", str(parameters_file)),
+            required,
         )
         for name, module in NODES.items()
     ]

@@ -57,16 +57,12 @@ def run_graph(processes: Sequence[NodeProcess], environment: dict[str, str]) -> 
     Processes that do not stop on SIGTERM within five seconds are killed.
 
     Returns:
-        The exit status of the required process that ended, or 130 / 143 after a signal.
+        The exit status of the process that ended first, or 130 / 143 after a signal.
     """
-    required = frozenset(p.name for p in processes if p.required)
-    graph = _Graph(required)
+    graph = _Graph(frozenset(p.name for p in processes if p.required))
     for process in processes:
         # exec: signals then reach the node itself and no shell in between.
         graph.add_process(process.name, "exec " + shlex.join(process.command), env=environment)
     graph.loop()
-    for name in required:
-        code = graph._processes[name].get("returncode")
-        if code is not None and graph.returncode not in (130, 143):
-            return int(code)
+    # Of the process that stopped first, unless a signal came before: the cause, not a consequence.
     return int(graph.returncode or 0)

@@ -160,7 +160,7 @@ def test_a_malformed_override_says_what_was_given_and_what_is_allowed(make_node,
 
     with pytest.raises(ParameterError) as caught:
         declare(make_node(**override), Params)
-    name, value = next(iter(override.items()))
+    name = next(iter(override))
     assert name.replace("__", ".") in str(caught.value)
 
 

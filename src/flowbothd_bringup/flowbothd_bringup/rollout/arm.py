@@ -88,7 +88,8 @@ class ArmPolicyWorld:
         result = self._perception.process(
             points, self._camera.T_base_camera, positions, seed=(self._seed, self._looks)
         )
-        self._executor.set_obstacles(result.points if len(result.points) else None)
+        eye = self._camera.T_base_camera[:3, 3]
+        self._executor.set_obstacles(result.points, eye)
         return CloudArrived(result.points, self.time)
 
     def move(self, goal: MotionGoal) -> list[Event]:

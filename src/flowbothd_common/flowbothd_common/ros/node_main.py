@@ -16,10 +16,13 @@ from rclpy.executors import (
     MultiThreadedExecutor,
     SingleThreadedExecutor,
 )
+from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 
 from flowbothd_common.errors import FlowBotError
 from flowbothd_common.ros.parameters import reject_unknown
+
+RCLError = rclpy_implementation.RCLError
 
 GUARDIAN = "FLOWBOTHD_GUARDIAN_PID"
 """Environment variable with the process id that this node must not outlive."""
@@ -42,6 +45,10 @@ def watch_guardian() -> None:
     threading.Thread(target=watch, name="guardian", daemon=True).start()
 
 
+def _first_line(error: Exception) -> str:
+    return str(error).splitlines()[0]
+
+
 def run_node(create: Callable[[], Node], args: list[str] | None = None, *, threads: int = 1) -> int:
     """Create a node, spin it until it is told to stop, and clean up.
 
@@ -55,7 +62,11 @@ def run_node(create: Callable[[], Node], args: list[str] | None = None, *, threa
     """
     logging.basicConfig(level=logging.INFO, format="[%(levelname)s] [%(name)s]: %(message)s")
     watch_guardian()
-    rclpy.init(args=args)
+    try:
+        rclpy.init(args=args)
+    except RCLError as error:
+        sys.stderr.write(f"[ERROR] ROS does not accept the arguments: {_first_line(error)}\n")
+        return 2
     node: Node | None = None
     executor = None
     try:
@@ -68,6 +79,10 @@ def run_node(create: Callable[[], Node], args: list[str] | None = None, *, threa
         executor.spin()
     except (KeyboardInterrupt, ExternalShutdownException):
         pass
+    except RCLError:
+        # A callback was publishing while SIGTERM took the context away.
+        if rclpy.ok():
+            raise
     except FlowBotError as error:
         # The message is written for people; a traceback would hide it.
         sys.stderr.write(f"[ERROR] {error}\n")
