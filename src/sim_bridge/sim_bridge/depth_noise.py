@@ -30,10 +30,13 @@ def disturb(
 ) -> NDArray[np.float32]:
     """Return a disturbed copy of (H, W) depths [m]; infinite ones stay infinite."""
     flown = _fly(depth, noise, rng) if noise.flying_fraction > 0 else depth
-    spread = noise.sigma + noise.sigma_per_m2 * np.square(flown)
-    spread[~np.isfinite(spread)] = 0.0
-    jitter = rng.standard_normal(depth.shape, dtype=np.float32)
-    return np.asarray(flown + jitter * spread, dtype=np.float32)
+    result = flown.copy()
+    hit = np.isfinite(flown)
+    seen = flown[hit]
+    jitter = rng.standard_normal(len(seen), dtype=np.float32)
+    spread = np.float32(noise.sigma) + np.float32(noise.sigma_per_m2) * np.square(seen)
+    result[hit] = seen + jitter * spread
+    return result
 
 
 def _fly(
@@ -44,7 +47,7 @@ def _fly(
     for axis in (0, 1):
         for shift in (1, -1):
             neighbour = np.roll(depth, shift, axis=axis)
-            edge = np.isfinite(neighbour) & (neighbour - depth > noise.edge_step)
+            edge = np.isfinite(neighbour) & (neighbour > depth + noise.edge_step)
             behind[edge] = np.maximum(behind[edge], neighbour[edge])
     rows, columns = np.nonzero(behind > depth)
     chosen = rng.random(len(rows)) < noise.flying_fraction
