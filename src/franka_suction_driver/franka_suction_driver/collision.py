@@ -19,6 +19,7 @@ from franka_suction_driver.kinematics import Kinematics
 
 TABLE = "table"
 CLOUD = "cloud"
+HIDDEN = "what the cloud may hide"
 _TABLE_SIZE = (4.0, 4.0, 0.1)
 
 
@@ -91,8 +92,14 @@ class CollisionChecker:
         self._table = None if table_height is None else _table(table_height)
         self._boxes: tuple[Box, ...] = ()
         self._cloud: Cloud | None = None
+        self._hidden: Cloud | None = None
         self._allowed: tuple[str, ...] = ()
         self._rebuild()
+
+    @property
+    def scene_margin(self) -> float:
+        """Usual distance kept from boxes and cloud [m]."""
+        return self._margins.scene
 
     @property
     def links(self) -> tuple[str, ...]:
@@ -122,22 +129,38 @@ class CollisionChecker:
         """The observed cloud, (N, 3) in base, or None."""
         return self._cloud
 
-    def set_points(self, points: object | None) -> None:
-        """Replace the observed cloud: (N, 3) in base [m]; None or no points clears it.
+    def set_points(self, points: object | None, hidden: object | None = None) -> None:
+        """Replace the observed cloud and what it is presumed to hide; None or no points clears.
+
+        Args:
+            points: (N, 3) in base [m].
+            hidden: (M, 3) in base [m]; does not count where contact is allowed.
 
         Raises:
             InvalidCloudError: wrong shape, or values that are not finite.
         """
-        cloud = None if points is None else as_cloud(points, "obstacle cloud", min_points=0)
-        self._cloud = cloud if cloud is not None and len(cloud) else None
+        self._cloud = _some(points, "obstacle cloud")
+        self._hidden = _some(hidden, "hidden obstacles")
         self._rebuild()
+
+    @property
+    def presumes(self) -> bool:
+        """Whether anything hidden is presumed."""
+        return self._hidden is not None
+
+    def set_scene_margin(self, margin: float) -> None:
+        """Keep another distance from boxes and cloud [m]; a new scene brings the usual one back."""
+        for k in self._scene_pairs:
+            self._geometry_data.collisionRequests[k].security_margin = margin
 
     def touch(self, q: Array, *, contact_links: Sequence[str] = ()) -> Touch | None:
         """The first two things found closer than their margin, or None.
 
         Args:
             q: (J,) joint positions [rad].
-            contact_links: Robot links that may touch the scene (boxes and cloud).
+            contact_links: Robot links that may touch the scene (boxes and cloud). If there are
+                any, all links may be where something is only presumed to be hidden: one has to
+                go there to touch.
         """
         self._allow(tuple(contact_links))
         hit = pinocchio.computeCollisions(
@@ -186,7 +209,8 @@ class CollisionChecker:
         for k in self._scene_pairs:
             pair = self._geometry.collisionPairs[k]
             name = _link_name(self._geometry.geometryObjects[pair.first].name)
-            if name in links:
+            presumed = self._geometry.geometryObjects[pair.second].name == HIDDEN
+            if name in links or (links and presumed):
                 self._geometry_data.deactivateCollisionPair(k)
             else:
                 self._geometry_data.activateCollisionPair(k)
@@ -219,10 +243,16 @@ class CollisionChecker:
 
     def _scene_shapes(self) -> list[pinocchio.GeometryObject]:
         shapes = [_placed(self._base, box) for box in self._boxes]
-        if self._cloud is not None:
-            tree = coal.makeOctree(self._cloud.astype(np.float64), self._cell)
-            shapes.append(pinocchio.GeometryObject(CLOUD, 0, 0, self._base, tree))
+        for name, cloud in ((CLOUD, self._cloud), (HIDDEN, self._hidden)):
+            if cloud is not None:
+                tree = coal.makeOctree(cloud.astype(np.float64), self._cell)
+                shapes.append(pinocchio.GeometryObject(name, 0, 0, self._base, tree))
         return shapes
+
+
+def _some(points: object | None, name: str) -> Cloud | None:
+    cloud = None if points is None else as_cloud(points, name, min_points=0)
+    return cloud if cloud is not None and len(cloud) else None
 
 
 def _convex_robot(kinematics: Kinematics) -> pinocchio.GeometryModel:

@@ -20,11 +20,12 @@ from flowbothd_common.motion import (
     MotionResult,
     RobotObservation,
 )
-from flowbothd_common.types import Array
+from flowbothd_common.types import Array, as_cloud
 from franka_suction_driver.commander import Commander
 from franka_suction_driver.description import compose_urdf
 from franka_suction_driver.flow_step import FlowStep
 from franka_suction_driver.goals import checked_goal, led_axis, tool_line, travel_direction
+from franka_suction_driver.hidden import hidden_points
 from franka_suction_driver.joint_motion import JointMotion
 from franka_suction_driver.kinematics import Kinematics
 from franka_suction_driver.limits import limits_from
@@ -107,13 +108,25 @@ class MotionExecutor:
         """Whether a motion is running."""
         return self._recorder is not None
 
-    def set_obstacles(self, points: object | None) -> None:
-        """Replace the observed object: (N, 3) in base [m], or None.
+    def set_obstacles(self, points: object | None, eye: object | None = None) -> None:
+        """Replace the observed object.
+
+        Args:
+            points: (N, 3) in base [m], or None.
+            eye: (3,) the camera in base [m]; if given, room behind the points is kept out of, see
+                `hidden_points`.
 
         Raises:
             InvalidCloudError: wrong shape, or values that are not finite.
         """
-        self._planner.collision.set_points(points)
+        hidden = None
+        if points is not None and eye is not None:
+            collision = self.params.collision
+            cloud = as_cloud(points, "obstacle cloud", min_points=0)
+            hidden = hidden_points(
+                cloud, np.asarray(eye, dtype=float), collision.hidden_depth, collision.obstacle_cell
+            )
+        self._planner.collision.set_points(points, hidden)
 
     def start(self, goal: MotionGoal, observation: RobotObservation) -> None:
         """Plan and begin a motion; what comes of it is told by `tick`.

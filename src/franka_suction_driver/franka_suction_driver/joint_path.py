@@ -6,13 +6,21 @@ rule keeps every joint within its velocity, acceleration and jerk limits.
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 from scipy.interpolate import BSpline
 
 from flowbothd_common.motion import JointTrajectory
 from flowbothd_common.types import Array
 from franka_suction_driver.limits import JointLimits
-from franka_suction_driver.trajectory import JointState, Profile, move_to, sample_times
+from franka_suction_driver.trajectory import (
+    JointState,
+    Profile,
+    joint_move,
+    move_to,
+    sample_times,
+)
 
 _DEGREE = 3
 
@@ -79,6 +87,19 @@ class SmoothPath:
         start = JointState.at_rest(np.zeros(1))
         bounds = (np.full(1, value) for value in (speed, change, jerk))
         return move_to(start, np.full(1, self.length), *bounds)
+
+
+def stop_and_go(names: tuple[str, ...], corners: Array, limits: JointLimits) -> JointTrajectory:
+    """Straight from corner to corner of a (P, J) polyline, with a stop at each."""
+    parts = [joint_move(names, JointState.at_rest(a), b, limits) for a, b in pairwise(corners)]
+    starts = np.cumsum([0.0, *(float(part.times[-1]) for part in parts)])
+    return JointTrajectory(
+        names,
+        np.concatenate([part.times + start for part, start in zip(parts, starts, strict=False)]),
+        np.concatenate([part.positions for part in parts]),
+        np.concatenate([part.velocities for part in parts]),
+        np.concatenate([part.accelerations for part in parts]),
+    )
 
 
 def _control_points(corners: Array, spacing: float) -> Array:

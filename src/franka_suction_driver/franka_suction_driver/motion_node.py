@@ -97,7 +97,7 @@ class MotionNode(Node):
         cloud = self._inputs.cloud
 
         def plan() -> Prepared:
-            self._core.set_obstacles(cloud)
+            self._core.set_obstacles(cloud, self._params.camera_position or None)
             return self._core.prepare(wanted, seen)
 
         self._planning = self._planner.submit(plan)

@@ -54,6 +54,12 @@ class CollisionParams:
     obstacle_margin: float = parameter(
         0.01, "Kept distance from the observed object [m]", minimum=0.0
     )
+    hidden_depth: float = parameter(
+        0.07,
+        "Thickness presumed behind what the camera sees, along its view: a door frame is deeper "
+        "than its front tells. Less than the standoff, or nothing could be reached from behind [m]",
+        minimum=0.0,
+    )
     obstacle_cell: float = parameter(
         0.01, "Edge of the cells that the object cloud is turned into [m]", minimum=0.003
     )
@@ -181,6 +187,12 @@ class MotionNodeParams(MotionParams):
     )
     watch_timeout: float = parameter(
         0.5, "Silence on the steady clock that stops the arm [s]", minimum=0.05, maximum=10.0
+    )
+    camera_position: tuple[float, ...] = parameter(
+        (),
+        "Where the depth camera stands in base [m], 3 values: room behind what it sees is kept out "
+        "of (collision.hidden_depth); empty = only what is seen counts",
+        element=float,
     )
     require_wrench: bool = parameter(
         True, "Refuse guarded motions while no external wrench arrives"

@@ -15,7 +15,7 @@ from flowbothd_common.types import Array, JointArc
 from franka_suction_driver.collision import Box, CollisionChecker, Margins
 from franka_suction_driver.continuation import ToolPoses, moving_part, opening_poses
 from franka_suction_driver.inverse_kinematics import PositionBox, follow, solve
-from franka_suction_driver.joint_path import SmoothPath
+from franka_suction_driver.joint_path import SmoothPath, stop_and_go
 from franka_suction_driver.kinematics import Kinematics
 from franka_suction_driver.limits import JointLimits
 from franka_suction_driver.params import MotionParams
@@ -26,6 +26,7 @@ CONTACT_LINKS = ("suction_stem", "suction_cup")
 _GOALS = 8
 _FOLLOW_TOLERANCE = 0.003
 _SPACINGS = (0.3, 0.15, 0.07)
+_ROOM_FACTORS = (4.0, 2.0, 1.0)
 
 
 @dataclass(frozen=True)
@@ -110,7 +111,18 @@ class Planner:
         return replace(other, message=why)
 
     def retreat(self, start: Array, rng: np.random.Generator) -> PlannedMotion:
-        """Plan straight back along the tool axis, then to the start pose."""
+        """Plan straight back along the tool axis, then to the start pose.
+
+        Where that fails only because of what the cloud may hide, that is not presumed: the arm has
+        come from there.
+        """
+        planned = self._retreat(start, rng)
+        if planned.reason is not MotionReason.REACHED and self.collision.presumes:
+            self.collision.set_points(self.collision.points)
+            planned = self._retreat(start, rng)
+        return planned
+
+    def _retreat(self, start: Array, rng: np.random.Generator) -> PlannedMotion:
         goal = np.array(self._params.robot.start_positions)
         back = self._back_off(start)
         escape, rest = self._out_of_contact(start, back)
@@ -186,13 +198,8 @@ class Planner:
         reach = np.where(bad.any(axis=1), bad.argmax(axis=1), len(poses.positions))
         if reach.max() <= poses.contact:
             return _Branches(MotionReason.UNREACHABLE, self._out_of_reach(poses, 1), none)
-        order = np.argsort(-reach, kind="stable")
-        free = np.zeros(len(found), dtype=int)
         touches: list[str] = []
-        for i in order:
-            if reach[i] <= max(poses.contact, free.max() - 1):
-                break
-            free[i] = self._free_poses(path.positions[i, : reach[i]], poses, part, touches)
+        free = self._roomy_branches(path.positions, reach, poses, part, touches)
         if free.max() <= poses.contact:
             where = touches[0] if touches else "the arm with the scene"
             return _Branches(MotionReason.COLLISION, f"at the contact touches: {where}", none)
@@ -204,6 +211,24 @@ class Planner:
         total = len(poses.positions) - 1 - poses.contact
         followed = 1.0 if total == 0 else (free.max() - 1 - poses.contact) / total
         return _Branches(MotionReason.REACHED, "", found[ranked], float(followed))
+
+    def _roomy_branches(
+        self, paths: Array, reach: Array, poses: ToolPoses, part: Box | None, touches: list[str]
+    ) -> Array:
+        """How far each branch is free; with more room than needed, if a whole opening has it."""
+        free = np.zeros(len(paths), dtype=int)
+        for factor in _ROOM_FACTORS:
+            self.collision.set_scene_margin(factor * self.collision.scene_margin)
+            touches.clear()
+            free = np.zeros(len(paths), dtype=int)
+            for i in np.argsort(-reach, kind="stable"):
+                if reach[i] <= max(poses.contact, free.max() - 1):
+                    break
+                free[i] = self._free_poses(paths[i, : reach[i]], poses, part, touches)
+            if free.max() == len(poses.positions):
+                break
+        self.collision.set_scene_margin(self.collision.scene_margin)
+        return free
 
     def _free_poses(
         self, path: Array, poses: ToolPoses, part: Box | None, touches: list[str]
@@ -240,23 +265,25 @@ class Planner:
         return shorten(path.points, edge_free, rng, self._params.planning.shortcuts), path.goal
 
     def _timed(self, corners: Array, excused: int) -> JointTrajectory:
-        """Time the path; smoothing stays so close to the corners that it is as free as they are.
+        """Time the path, its corners rounded as far as it stays free, or with a stop at each.
 
         Args:
             corners: (P, J) collision-free polyline.
             excused: Leading corners that were allowed to touch.
         """
         limits = self._limits.scaled(self._params.robot.speed_scale)
-        resolution = self._params.planning.resolution
-        path = SmoothPath(corners, _SPACINGS[0])
+        names = self._kinematics.joint_names
         for spacing in _SPACINGS:
             path = SmoothPath(corners, spacing)
-            if excused or self._all_free(path.samples(resolution)):
-                break
-        return path.timed(self._kinematics.joint_names, limits)
+            if self._stays_free(path.samples(self._params.planning.resolution), excused > 0):
+                return path.timed(names, limits)
+        return stop_and_go(names, corners, limits)
 
-    def _all_free(self, configurations: Array) -> bool:
-        return self.collision.free_count(configurations) == len(configurations)
+    def _stays_free(self, configurations: Array, may_start_touching: bool) -> bool:
+        touching = np.array([not self.collision.free(q) for q in configurations])
+        if may_start_touching and not touching.all():
+            touching = touching[int(np.argmin(touching)) :]
+        return not touching.any()
 
     def _back_off(self, start: Array) -> Array:
         """(K, J) straight back along the tool axis from `start`, as far as the arm reaches."""

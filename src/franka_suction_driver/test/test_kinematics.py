@@ -122,7 +122,8 @@ def test_a_joint_near_its_limit_hands_over_smoothly(robot: Kinematics, limits: J
         assert box.contains(near + steps[-1])
     changes = np.abs(np.diff(steps, axis=0)).max(axis=1)
     assert abs(steps[-1][3]) < 1e-4 < abs(steps[0][3])
-    assert changes.max() < 0.1 * np.abs(steps).max()
+    # Between two of 200 positions a kink would change a step by its own size.
+    assert changes.max() < 0.4 * np.abs(steps).max()
 
 
 def test_wrong_names_list_the_right_ones(robot: Kinematics) -> None:

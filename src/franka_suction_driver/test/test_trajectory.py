@@ -91,7 +91,7 @@ def test_replacement_is_continuous_and_stop_comes_to_rest(limits: JointLimits) -
         assert np.abs(later.velocity - before.velocity).max() < 1e-2
         end = commander.state(when + float(second.times[-1]) + 1)
         assert not end.velocity.any()
-        assert commander.finished(when + float(second.times[-1]))
+        assert commander.finished(when + float(second.times[-1]) + 1e-6)
 
 
 def test_interpolation_reproduces_the_points(limits: JointLimits) -> None:

@@ -1,0 +1,154 @@
+"""Approach and retreat around a door that stands edge-on to the arm."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from flowbothd_common.motion import MotionReason
+from flowbothd_common.transforms import angle_between, apply
+from flowbothd_common.types import ArcKind, JointArc
+from franka_suction_driver.collision import CollisionChecker, Margins
+from franka_suction_driver.continuation import displacement, moving_part, opening_poses
+from franka_suction_driver.kinematics import Kinematics
+from franka_suction_driver.limits import JointLimits
+from franka_suction_driver.params import MotionParams
+from franka_suction_driver.planner import PlannedMotion, Planner
+
+START = np.array(MotionParams().robot.start_positions)
+CONTACT = np.array([0.36, 0.09, 0.25])
+FRONT, BACK = np.array([0, -1.0, 0]), np.array([0, 1.0, 0])
+
+
+def door() -> np.ndarray:
+    """Points of a plate 20 cm wide, 40 cm high and 2 cm thick in the plane y = 0.1."""
+    x, z = np.meshgrid(np.arange(0.26, 0.46, 0.008), np.arange(0.03, 0.43, 0.008))
+    faces = [np.column_stack([x.ravel(), np.full(x.size, y), z.ravel()]) for y in (0.09, 0.11)]
+    return np.concatenate(faces)
+
+
+@pytest.fixture
+def make_planner(robot: Kinematics, limits: JointLimits) -> Callable[..., Planner]:
+    def make(**planning: object) -> Planner:
+        params = MotionParams()
+        params = replace(params, planning=replace(params.planning, **planning))
+        planner = Planner(robot, limits, params)
+        planner.collision.set_points(door())
+        return planner
+
+    return make
+
+
+def approach(planner: Planner, direction: np.ndarray, contact: np.ndarray) -> PlannedMotion:
+    return planner.approach(START, contact, direction, None, np.random.default_rng(0))
+
+
+@pytest.mark.parametrize("direction", [FRONT, BACK], ids=["front", "back"])
+def test_both_faces_are_approached_without_touching(
+    make_planner: Callable[..., Planner],
+    robot: Kinematics,
+    limits: JointLimits,
+    direction: np.ndarray,
+) -> None:
+    planned = approach(make_planner(), direction, CONTACT)
+    assert planned.reason is MotionReason.REACHED, planned.message
+    assert planned.side == 1
+    trajectory = planned.trajectory
+    assert trajectory is not None
+    assert limits.violation(trajectory) is None
+    tip = robot.tip(trajectory.positions[-1])
+    np.testing.assert_allclose(tip.position, CONTACT + 0.1 * direction, atol=1e-3)
+    assert angle_between(tip.axis, -direction) < 1e-3
+    checker = CollisionChecker(robot, Margins(scene=0.005), cell=0.01)
+    checker.set_points(door())
+    assert checker.free_count(trajectory.positions) == len(trajectory.positions)
+
+
+def test_equal_seeds_plan_equal_motions(make_planner: Callable[..., Planner]) -> None:
+    first = approach(make_planner(), BACK, CONTACT)
+    second = approach(make_planner(), BACK, CONTACT)
+    assert first.trajectory is not None
+    assert second.trajectory is not None
+    np.testing.assert_array_equal(first.trajectory.positions, second.trajectory.positions)
+
+
+def test_retreat_backs_off_along_the_tool_first(
+    make_planner: Callable[..., Planner], robot: Kinematics
+) -> None:
+    planner = make_planner()
+    there = approach(planner, BACK, CONTACT)
+    assert there.trajectory is not None
+    standoff = there.trajectory.positions[-1]
+    home = planner.retreat(standoff, np.random.default_rng(1))
+    assert home.reason is MotionReason.REACHED
+    assert home.trajectory is not None
+    np.testing.assert_allclose(home.trajectory.positions[-1], START, atol=1e-6)
+    axis = robot.tip(standoff).axis
+    tips = robot.tip(home.trajectory.positions).position - robot.tip(standoff).position
+    early = tips[np.linalg.norm(tips, axis=1) < 0.03]
+    assert (early @ axis <= 1e-6).all()
+
+
+def test_out_of_reach_says_where_and_what_helps(make_planner: Callable[..., Planner]) -> None:
+    planned = approach(make_planner(), FRONT, np.array([1.4, 0.0, 0.3]))
+    assert planned.reason is MotionReason.UNREACHABLE
+    assert "1.4" in planned.message
+    assert "nearer" in planned.message
+    assert "opposite side" in planned.message
+
+
+def test_a_blocked_contact_names_what_touches(make_planner: Callable[..., Planner]) -> None:
+    planner = make_planner(push_from_front=False)
+    block = np.random.default_rng(0).uniform(-0.06, 0.06, (4000, 3))
+    block += CONTACT + 0.12 * FRONT
+    planner.collision.set_points(np.concatenate([door(), block]))
+    planned = approach(planner, FRONT, CONTACT)
+    assert planned.reason is MotionReason.COLLISION
+    assert "cloud" in planned.message
+
+
+def test_the_opposite_side_is_taken_where_the_flow_side_is_closed(
+    make_planner: Callable[..., Planner], robot: Kinematics
+) -> None:
+    planner = make_planner(continuation=0.05)
+    x, z = np.meshgrid(np.arange(0.2, 0.6, 0.01), np.arange(0.03, 0.7, 0.01))
+    screen = np.column_stack([x.ravel(), np.full(x.size, 0.17), z.ravel()])
+    planner.collision.set_points(np.concatenate([door(), screen]))
+    planned = approach(planner, BACK, CONTACT)
+    assert planned.reason is MotionReason.REACHED, planned.message
+    assert planned.side == -1
+    assert "opposite side" in planned.message
+    assert planned.trajectory is not None
+    tip = robot.tip(planned.trajectory.positions[-1])
+    assert angle_between(tip.axis, BACK) < 1e-3
+
+
+def test_opening_poses_follow_the_arc_and_the_flow_tells_its_sense() -> None:
+    contact, direction = np.array([0.5, 0.0, 0.3]), np.array([-1.0, 0, 0])
+    for axis in (np.array([0, 0, 1.0]), np.array([0, 0, -1.0])):
+        arc = JointArc(ArcKind.ARC, axis, np.array([0.5, 0.2, 0.0]))
+        poses = opening_poses(contact, direction, 1, 0.1, 0.2 * np.pi / 2, arc)
+        np.testing.assert_allclose(poses.positions[0], contact + 0.1 * direction, atol=1e-12)
+        np.testing.assert_allclose(poses.positions[poses.contact], contact, atol=1e-12)
+        np.testing.assert_allclose(poses.positions[-1], [0.3, 0.2, 0.3], atol=1e-9)
+        np.testing.assert_allclose(poses.axes[-1], [0, -1, 0], atol=1e-9)
+        radii = np.linalg.norm(poses.positions[poses.contact :, :2] - arc.point[:2], axis=1)
+        np.testing.assert_allclose(radii, 0.2, atol=1e-9)
+
+
+def test_the_moving_part_spans_axis_and_contact_and_leaves_the_tool_room() -> None:
+    contact, direction = np.array([0.5, 0.0, 0.3]), np.array([-1.0, 0, 0])
+    arc = JointArc(ArcKind.ARC, np.array([0, 0, 1.0]), np.array([0.5, 0.2, 0.0]))
+    part = moving_part(contact, direction, 1, arc, None)
+    assert part is not None
+    corners = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])
+    points = apply(part.pose, corners * np.array(part.size) / 2)
+    assert points[:, 0].min() == pytest.approx(0.5)
+    assert points[:, 1].max() == pytest.approx(0.2)
+    assert points[:, 1].min() < 0.0
+    moved = displacement(contact, direction, arc, 0.2 * np.pi / 2)
+    np.testing.assert_allclose(apply(moved, contact), [0.3, 0.2, 0.3], atol=1e-9)
+    assert moving_part(contact, direction, 1, None, None) is None
