@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flowbothd_common.motion import MotionGoal, MotionKind
 from flowbothd_common.transforms import angle_between, unit
-from flowbothd_common.types import Array, Cloud, Outcome
+from flowbothd_common.types import Outcome
 from flowbothd_policy import attempts
+from flowbothd_policy.assessing import assess, completed
 from flowbothd_policy.commands import Predict
 from flowbothd_policy.events import CloudArrived, PredictionArrived
-from flowbothd_policy.grasp_selection import Grasp, Place, select_grasp
-from flowbothd_policy.history import is_consistent
 from flowbothd_policy.opening import expected_arc
 from flowbothd_policy.state import After, Choice, Phase, Turn
 
@@ -65,10 +63,9 @@ def choose(turn: Turn, event: PredictionArrived, observation: CloudArrived) -> N
     forced = turn.state.closest if params.on_exhausted == "closest" or last is None else last
     if forced is None:
         nothing_moves(turn)
-    else:
-        act(
-            turn, forced, f"{turn.state.trials} samples rejected, the {params.on_exhausted} is used"
-        )
+        return
+    why = f"{turn.state.trials} samples rejected, the {params.on_exhausted} is used"
+    act(turn, completed(turn, event.points, forced), why)
 
 
 def nothing_moves(turn: Turn) -> None:
@@ -78,77 +75,6 @@ def nothing_moves(turn: Turn) -> None:
         attempts.fail(turn, reason + " while the part is held")
     else:
         attempts.end(turn, Outcome.NOT_VISIBLE, reason)
-
-
-def assess(
-    turn: Turn, points: Cloud, flow: NDArray[np.float32], row: int, stamp: float
-) -> tuple[Choice | None, str]:
-    """Judge one sample: the choice with its penalty, and why; None if nothing moves in it."""
-    state, params = turn.state, turn.params
-    avoid = () if state.attached else state.avoided
-    grasp = select_grasp(
-        points,
-        flow,
-        params.grasp,
-        leverage=params.leverage,
-        avoid=avoid,
-        avoid_angle=params.failed_angle,
-    )
-    penalty, why = 0.0, "sample accepted"
-    if grasp is None and avoid:
-        grasp = select_grasp(points, flow, params.grasp, leverage=params.leverage)
-        penalty, why = np.pi, "all its grasp points lie where the cup or the arm failed"
-    if grasp is None:
-        return None, "nothing moves in it"
-    consistent, angle = is_consistent(grasp.flow, state.memory, params)
-    if not consistent:
-        penalty = max(penalty, angle)
-        why = f"flow is {np.degrees(angle):.0f} deg off the last motion"
-    repeated = _repeats(turn, points, flow, grasp)
-    if repeated is not None:
-        penalty = max(penalty, np.pi + repeated)
-        why = "it repeats a pull that did not move the part"
-    elif consistent and penalty == 0 and np.isfinite(angle):
-        why = f"sample accepted, {np.degrees(angle):.0f} deg off the last motion"
-    return Choice(grasp, flow, row, stamp, penalty), why
-
-
-def _repeats(turn: Turn, points: Cloud, flow: NDArray[np.float32], grasp: Grasp) -> float | None:
-    """How closely a sample repeats a refuted pull [rad of agreement], or None if it does not.
-
-    A pull at one place refutes every motion that would have let it succeed. So a sample is
-    compared where the pull was made, not only where it would itself grasp: a door's free edge is
-    long, and the same wrong hinge must not be tried again a hand's breadth higher.
-    """
-    params = turn.params
-    worst: float | None = None
-    for place in turn.state.refuted:
-        agreements = []
-        near = np.linalg.norm(grasp.point - place.point) < place.radius
-        off = angle_between(grasp.flow, place.direction)
-        if near and off < params.failed_angle:
-            agreements.append(params.failed_angle - off)
-        there = _flow_around(points, flow, place)
-        if there is not None and np.linalg.norm(there) >= params.failed_norm * grasp.largest:
-            off = angle_between(there, place.direction)
-            if off < params.failed_angle:
-                agreements.append(params.failed_angle - off)
-        if agreements:
-            worst = max(agreements) if worst is None else max(worst, *agreements)
-    return worst
-
-
-def _flow_around(points: Cloud, flow: NDArray[np.float32], place: Place) -> Array | None:
-    """(3,) the largest flow of the few points nearest to a place, or None if none is near.
-
-    The largest, because points of the frame, which never move, lie next to the part's edge.
-    """
-    distances = np.linalg.norm(points - place.point, axis=1)
-    nearest = np.argsort(distances, kind="stable")[:5]
-    nearest = nearest[distances[nearest] < place.radius]
-    if not len(nearest):
-        return None
-    return np.asarray(flow[nearest[np.argmax(np.linalg.norm(flow[nearest], axis=1))]], dtype=float)
 
 
 def act(turn: Turn, choice: Choice, why: str) -> None:

@@ -52,6 +52,7 @@ class Choice:
         sample: Its row in the answer.
         stamp: Stamp of the cloud behind it.
         penalty: How far it is from being accepted [rad]; 0 = accepted.
+        complete: Whether the grasp was chosen with care; rejected samples are not worth it.
     """
 
     grasp: Grasp
@@ -59,6 +60,7 @@ class Choice:
     sample: int
     stamp: float
     penalty: float = 0.0
+    complete: bool = True
 
 
 @dataclass(frozen=True)
