@@ -104,6 +104,7 @@ def sim_parameters(scene: Scene, options: RunOptions) -> Parameters:
         }
     if options.mode:
         result["bridge_node"]["mode"] = options.mode
+    result["motion_node"]["camera_position"] = list(scene.camera_eye)
     result["perception_node"] |= camera | {"seed": options.seed}
     result["inference_node"] |= {"predictor": options.predictor}
     result["policy_node"] |= scene.policy | {"seed": options.seed, "autostart": options.start}

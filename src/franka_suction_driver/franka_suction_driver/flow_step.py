@@ -12,14 +12,12 @@ from franka_suction_driver.kinematics import Kinematics
 from franka_suction_driver.motion_step import Ending, ForceFilter, Step
 from franka_suction_driver.params import FlowStepParams
 from franka_suction_driver.tool_motion import (
-    Bounds,
     Reference,
     Rollout,
     ToolFollower,
 )
 from franka_suction_driver.trajectory import JointState
 
-STOP_BOUNDS = Bounds(0.1, 1.0, 40.0)
 _REPLACE_PERIOD = 0.05
 _SMALLEST_SHIFT = 5e-5
 _LARGEST_LEAD = 0.003
@@ -174,11 +172,10 @@ class FlowStep:
             self._relax_until = clock + _RELAX_TIME
         if self._replaced is None:
             return Step(ending=ending)
-        self._reference.halt(clock, STOP_BOUNDS)
-        self._reference.shift(clock, self._reference.offset_state(clock).position)
         self._offset = self._braked_at = self._reference.offset_state(clock).position
+        self._reference, trajectory = self._follower.brake(self._reference, clock, commanded)
         self._moved_on = self._replaced = clock
-        return Step(self._follower.rollout(self._reference, clock, commanded).trajectory)
+        return Step(trajectory)
 
     def _completed(self) -> Ending:
         problem = self._planned.problem

@@ -10,8 +10,6 @@ from franka_suction_driver.params import ProbeParams
 from franka_suction_driver.tool_motion import Bounds, Reference, Rollout, ToolFollower
 from franka_suction_driver.trajectory import JointState
 
-STOP_BOUNDS = Bounds(0.1, 1.0, 40.0)
-
 
 class Probe:
     """Moves the tool forward until something happens.
@@ -122,8 +120,8 @@ class Probe:
         return self._braking(clock, commanded)
 
     def _braking(self, clock: float, commanded: JointState) -> Step:
-        self._reference.halt(clock, STOP_BOUNDS)
-        return self._issue(clock, commanded)
+        self._reference, trajectory = self._follower.brake(self._reference, clock, commanded)
+        return Step(trajectory)
 
     def _issue(self, clock: float, commanded: JointState) -> Step:
         rollout = self._follower.rollout(self._reference, clock, commanded)

@@ -7,7 +7,7 @@ acceleration of the whole continuous.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -18,7 +18,14 @@ from flowbothd_common.types import Array
 from franka_suction_driver.inverse_kinematics import PositionBox, limited_step
 from franka_suction_driver.kinematics import Kinematics, conditioning, task_error, task_jacobian
 from franka_suction_driver.limits import JointLimits
-from franka_suction_driver.trajectory import JointState, Profile, brake, move_to, sample_times
+from franka_suction_driver.trajectory import (
+    JointState,
+    Profile,
+    brake,
+    joint_stop,
+    move_to,
+    sample_times,
+)
 
 STEP = 0.04
 """Time between two points of a tool trajectory [s]."""
@@ -26,6 +33,7 @@ _TOLERANCE = 5e-4
 _SLOWINGS = (1.0, 0.75, 0.5, 0.3)
 _SHORTENINGS = 5
 _STEP_BACK = 0.004
+_BRAKINGS = (1.0, 0.7, 0.5, 0.35, 0.2, 0.1)
 _MOST_SAMPLES = 50
 _GIVING_WAY = np.array([1.0, 1.0, 1.0, 0.05, 0.05])
 
@@ -250,6 +258,27 @@ class ToolFollower:
                 break
         cause = (shortened.problem, shortened.detail) if shortened else ("singularity", "")
         return Reference.start(line, bounds), Rollout(None, 0.0, *cause)
+
+    def brake(
+        self, reference: Reference, now: float, start: JointState
+    ) -> tuple[Reference, JointTrajectory]:
+        """Stop along the direction as hard as the joint limits allow; the offset keeps its goal.
+
+        Args:
+            reference: What the tool was doing.
+            now: Time on the motion's clock [s].
+            start: Commanded joint state at that time.
+        """
+        slowest = replace(reference)
+        for hardness in _BRAKINGS:
+            slowest = replace(reference)
+            slowest.halt(now, Bounds(0.1, hardness, 40.0 * hardness))
+            slowest.shift(now, slowest.offset_state(now).position)
+            rollout = self.rollout(slowest, now, start)
+            if rollout.good and rollout.trajectory is not None:
+                return slowest, rollout.trajectory
+        # Off the line, but to rest within the limits, which comes first.
+        return slowest, joint_stop(self._kinematics.joint_names, start, self._limits)
 
     def _reach(self, q: Array, position: Array, axis: Array) -> Array | None:
         """Configuration next to `q` at the tool pose, tilted as little as needed, or None."""
