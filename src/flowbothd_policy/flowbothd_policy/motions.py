@@ -106,6 +106,8 @@ def _after_probe(turn: Turn, result: MotionResult, said: str) -> None:
         return
     if result.vacuum or result.reason is MotionReason.VACUUM:
         turn.set(attached=True, held=True)
+        if turn.state.first_axis is None:
+            turn.set(first_axis=result.tool_end[:3, 2].astype(float))
         choosing.step(turn, choice, said)
         return
     blocked = result.reason in _CANNOT_GO
@@ -141,9 +143,10 @@ def after_step(turn: Turn, result: MotionResult, said: str) -> None:
     opening = turn.opening
     lost = result.reason is MotionReason.SUCTION_LOST or not result.vacuum
     said += f"; the part moved {100 * float(np.linalg.norm(motion)):.1f} cm"
-    late = opening.share >= turn.params.opening.stall_fraction
+    late = max(opening.share, _turned(turn, result)) >= turn.params.opening.stall_fraction
     ended_early = result.reason in (MotionReason.STALLED, MotionReason.FORCE_LIMIT)
-    if late and (ended_early or not moved):
+    cannot_follow = not moved and result.reason in _CANNOT_GO
+    if late and (ended_early or not moved) and not cannot_follow:
         turn.set(stalls=turn.state.stalls + 1)
     if opening.share >= 1:
         attempts.end(turn, Outcome.OPENED, f"{said}; {_in_words(turn)}, the target")
@@ -157,10 +160,26 @@ def after_step(turn: Turn, result: MotionResult, said: str) -> None:
         attempts.end(turn, Outcome.NOT_OPENED, reason)
     elif lost:
         attempts.fail(turn, f"{said}; the part came off", refuted=_refuted(turn, result, moved))
+    elif cannot_follow:
+        # The arm is at its end, not the part: from another configuration it may go on.
+        attempts.fail(turn, said)
     elif moved or late:
         attempts.observe(turn, f"{said}; {_in_words(turn)}")
     else:
         attempts.fail(turn, f"{said}, too little", refuted=_refuted(turn, result, moved))
+
+
+def _turned(turn: Turn, result: MotionResult) -> float:
+    """Turn of the held surface since the first contact, as a share of the target.
+
+    A hinged part also moves while nobody holds it: it swings on after the cup has come off. The
+    tool's axis is the normal of what it holds, on either side.
+    """
+    first = turn.state.first_axis
+    if first is None or turn.params.opening.target_angle <= 0:
+        return 0.0
+    angle = angle_between(first, result.tool_end[:3, 2])
+    return min(angle, np.pi - angle) / turn.params.opening.target_angle
 
 
 def _refuted(turn: Turn, result: MotionResult, moved: bool) -> Place | None:

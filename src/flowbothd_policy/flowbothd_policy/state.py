@@ -89,6 +89,7 @@ class PolicyState:
         travel: Paths of the tool while it held the part.
         stalls: Stalls late in the opening.
         held: The cup has held the part at least once.
+        first_axis: (3,) tool axis when it did so first, the part closed; None before.
         unreachable: Grasps that the arm could not reach.
         prediction_failures: In a row.
         interruptions: Motions that missing inputs cut short.
@@ -121,6 +122,7 @@ class PolicyState:
     travel: Travel = field(default_factory=Travel)
     stalls: int = 0
     held: bool = False
+    first_axis: Array | None = None
     unreachable: int = 0
     prediction_failures: int = 0
     interruptions: int = 0

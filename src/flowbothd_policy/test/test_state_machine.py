@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from flowbothd_common.motion import MotionKind, MotionReason, MotionResult
-from flowbothd_common.transforms import transform
+from flowbothd_common.transforms import rotation_from_rpy, transform
 from flowbothd_common.types import Outcome, SuctionPhase
 from flowbothd_policy.choosing import sample_seed
 from flowbothd_policy.commands import (
@@ -368,6 +368,36 @@ def test_two_late_stalls_are_the_end_of_the_joint():
     assert player.state.ending[0] is Outcome.OPENED
     player.feed(SuctionChanged(SuctionPhase.OFF), moved(MotionKind.RETREAT))
     assert player.only(Finish)[0].outcome is Outcome.OPENED
+
+
+def test_an_arm_at_its_end_is_no_stall_of_the_part():
+    """The incident: two steps that the arm could not make ended a half-open door as opened."""
+    player = player_in(Phase.STEPPING)
+    for _ in range(3):
+        player.feed(STEPPED).see()
+    player.feed(moved(MotionKind.FLOW_STEP, MotionReason.JOINT_LIMIT, vacuum=True))
+    assert player.state.stalls == 0
+    assert player.state.phase is Phase.RELEASING
+    assert player.state.refuted == ()
+
+
+def test_a_door_that_swung_on_by_itself_is_noticed_by_the_turned_surface():
+    """The incident: the cup came off, the door swung open, and every later pull was held to fail.
+
+    The tool had felt 26 of the door's 70 degrees, too few for a stall to be the joint's end.
+    """
+    player = player_in(Phase.STEPPING).feed(
+        moved(MotionKind.FLOW_STEP, MotionReason.SUCTION_LOST), SuctionChanged(SuctionPhase.OFF)
+    )
+    player.feed(moved(MotionKind.RETREAT)).grasp()
+    turned = transform(rotation_from_rpy((0, np.radians(-60), 0)), POINTS[-1])
+    result = MotionResult(
+        MotionKind.FLOW_STEP, MotionReason.FORCE_LIMIT, "", 0.2, turned, turned, vacuum=True
+    )
+    player.feed(MotionFinished(result))
+    assert player.state.phase is Phase.OBSERVING, "the first late stall is tried again in place"
+    player.see().feed(MotionFinished(result))
+    assert player.state.ending[0] is Outcome.OPENED
 
 
 def test_a_flip_is_a_failed_attempt():
