@@ -86,7 +86,8 @@ class Probe:
         else:
             step, speed = params.increment, params.speed
         self._goal = min(self._goal + step, self._reachable)
-        self._reference.redirect(clock, self._goal, Bounds(speed))
+        bounds = Bounds(speed).scaled(self._planned.slowing)
+        self._reference.redirect(clock, self._goal, bounds)
         return self._issue(clock, commanded)
 
     def _nothing_found(self) -> Ending:

@@ -162,6 +162,7 @@ class Rollout:
         travel: How far along the direction it goes [m].
         problem: Empty, or what ends it early: ``joint_limit`` or ``singularity``.
         too_fast: It breaks a velocity, acceleration or jerk limit.
+        slowing: How much slower than asked it had to be planned, 0..1.
         detail: For people.
     """
 
@@ -170,6 +171,7 @@ class Rollout:
     problem: str = ""
     detail: str = ""
     too_fast: bool = False
+    slowing: float = 1.0
 
     @property
     def good(self) -> bool:
@@ -248,16 +250,14 @@ class ToolFollower:
                 if not rollout.too_fast:
                     break
             if rollout.good:
-                if shortened is None:
-                    return reference, rollout
-                cause = shortened.problem, shortened.detail
-                return reference, Rollout(rollout.trajectory, rollout.travel, *cause)
+                why = ("", "") if shortened is None else (shortened.problem, shortened.detail)
+                return reference, replace(rollout, slowing=slowing, problem=why[0], detail=why[1])
             shortened = rollout
             goal = min(rollout.travel, goal) - _STEP_BACK
             if goal < _STEP_BACK:
                 break
-        cause = (shortened.problem, shortened.detail) if shortened else ("singularity", "")
-        return Reference.start(line, bounds), Rollout(None, 0.0, *cause)
+        why = ("singularity", "") if shortened is None else (shortened.problem, shortened.detail)
+        return Reference.start(line, bounds), Rollout(None, 0.0, *why)
 
     def brake(
         self, reference: Reference, now: float, start: JointState
