@@ -387,7 +387,8 @@ def test_a_door_that_swung_on_by_itself_is_noticed_by_the_turned_surface():
     The tool had felt 26 of the door's 70 degrees, too few for a stall to be the joint's end.
     """
     player = player_in(Phase.STEPPING).feed(
-        moved(MotionKind.FLOW_STEP, MotionReason.SUCTION_LOST), SuctionChanged(SuctionPhase.OFF)
+        moved(MotionKind.FLOW_STEP, MotionReason.SUCTION_LOST, by=(-0.03, 0, 0)),
+        SuctionChanged(SuctionPhase.OFF),
     )
     player.feed(moved(MotionKind.RETREAT)).grasp()
     turned = transform(rotation_from_rpy((0, np.radians(-60), 0)), POINTS[-1])
