@@ -21,7 +21,7 @@ from sim_bridge.ground_truth import FlowOracle, GroundTruth
 from sim_bridge.mesh import sphere_mesh
 from sim_bridge.objects.from_urdf import standing_at
 from sim_bridge.objects.model import ObjectModel
-from sim_bridge.physics_urdf import write_object
+from sim_bridge.physics_urdf import remove, write_object
 from sim_bridge.scene import Part
 
 
@@ -112,8 +112,9 @@ class FloatingWorld:
         self.close()
 
     def close(self) -> None:
-        """Disconnect from PyBullet."""
+        """Disconnect from PyBullet and remove generated files."""
         self._bullet.close()
+        remove(self._path)
 
     def reset(self, seed: int = 0) -> None:
         """Close the object, park the gripper, switch the suction off, start the draws anew."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import atexit
 import functools
+import shutil
 import tempfile
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
@@ -54,6 +55,11 @@ def write_object(model: ObjectModel) -> Path:
     for joint in model.urdf.joints.values():
         _joint(robot, joint, movable=joint.name in model.joints)
     return _write(robot, folder / "object.urdf")
+
+
+def remove(path: Path) -> None:
+    """Remove what `write_object` or `write_robot` wrote; harmless if it is gone."""
+    shutil.rmtree(path.parent, ignore_errors=True)
 
 
 def write_robot(urdf_text: str) -> Path:

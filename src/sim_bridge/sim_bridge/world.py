@@ -15,7 +15,7 @@ from flowbothd_common.types import Array, SuctionReading
 from sim_bridge.bullet import ENVIRONMENT_GROUP, ROBOT_GROUP, Bullet, ContactForce
 from sim_bridge.ground_truth import FlowOracle, GroundTruth
 from sim_bridge.objects.model import ObjectModel
-from sim_bridge.physics_urdf import write_object, write_robot
+from sim_bridge.physics_urdf import remove, write_object, write_robot
 from sim_bridge.scene import Part
 from sim_bridge.suction_cup import CupForce, CupParams, SuctionCup
 from sim_bridge.surroundings import TABLE_HIGH, TABLE_LOW, robot_meshes, static_parts
@@ -116,8 +116,10 @@ class ArmWorld:
         self.close()
 
     def close(self) -> None:
-        """Disconnect from PyBullet."""
+        """Disconnect from PyBullet and remove generated files."""
         self._bullet.close()
+        remove(self._object_path)
+        remove(self._robot_path)
 
     def reset(
         self,
@@ -138,6 +140,7 @@ class ArmWorld:
         if model is not None:
             self.model = model
             self._oracle = FlowOracle(model)
+            remove(self._object_path)
             self._object_path = write_object(model)
         self.object_pose = np.array(object_pose, dtype=float)
         start = np.array(self.params.start if joint_positions is None else joint_positions)
