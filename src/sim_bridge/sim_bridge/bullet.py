@@ -83,7 +83,10 @@ class Bullet:
         p.resetSimulation(physicsClientId=self.client)
         p.setTimeStep(self.time_step, physicsClientId=self.client)
         p.setGravity(0, 0, -self._gravity, physicsClientId=self.client)
-        p.setPhysicsEngineParameter(deterministicOverlappingPairs=1, physicsClientId=self.client)
+        # Files are generated anew for every object: cached ones would only fill the memory.
+        p.setPhysicsEngineParameter(
+            deterministicOverlappingPairs=1, enableFileCaching=0, physicsClientId=self.client
+        )
 
     def close(self) -> None:
         """Disconnect; closing twice is harmless."""
