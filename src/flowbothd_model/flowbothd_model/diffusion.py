@@ -21,6 +21,9 @@ from torch import Tensor
 
 from flowbothd_model.config import DiffusionConfig, Schedule, Target
 
+_SMALL = 0.03
+"""Mean squared flow of a cloud below which its weight in the loss no longer grows."""
+
 Denoise = Callable[[Tensor, Tensor], Tensor]
 """(noisy (B, N, 3), level (B,)) -> (B, N, 3) in the terms of the configured target."""
 
@@ -85,7 +88,9 @@ class Diffusion:
         """
         if self.config.target is Target.EPSILON:
             return (prediction - noise).square().mean()
-        loss = (prediction - flow).square().sum(-1).mean()
+        # Relative to the flow there is, so that clouds with a small moving part count as well.
+        size = flow.square().sum(-1).mean(1) + _SMALL
+        loss = ((prediction - flow).square().sum(-1).mean(1) / size).mean()
         if self.config.angle_weight:
             moving = flow.norm(dim=-1) > 1e-3
             cosine = torch.nn.functional.cosine_similarity(prediction, flow, dim=-1, eps=1e-3)

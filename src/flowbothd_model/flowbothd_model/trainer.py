@@ -63,7 +63,9 @@ class Trainer:
         generator = torch.Generator().manual_seed(config.seed)
         self.network = build(self.model_config.network, generator).to(self.device)
         if config.init:
-            self.network.load_state_dict(read_checkpoint(Path(config.init)).tensors)
+            given = read_checkpoint(Path(config.init)).tensors
+            missing = self.network.load_state_dict(given, strict=False).missing_keys
+            log.info("began with %s; new: %s", config.init, missing or "nothing")
         self.averaged = {k: v.detach().clone() for k, v in self.network.state_dict().items()}
         self._optimiser = torch.optim.AdamW(
             self.network.parameters(), lr=config.peak_rate, weight_decay=config.weight_decay
