@@ -45,7 +45,7 @@ def assess(
         penalty, why = np.pi, "all its grasp points lie where the cup or the arm failed"
     if chosen is None:
         return None, "nothing moves in it"
-    consistent, angle = is_consistent(chosen.flow, state.memory, params)
+    consistent, angle = is_consistent(chosen.flow, state.memory, params, attached=state.attached)
     if not consistent:
         penalty, why = max(penalty, angle), _off(angle)
     repeated = _repeats(turn, points, flow, chosen)
@@ -83,7 +83,9 @@ def _ruled_out(
     repeated = _repeats(turn, points, flow, grasp)
     if repeated is not None:
         return grasp, np.pi + repeated, _REPEATS
-    consistent, angle = is_consistent(own, turn.state.memory, turn.params)
+    consistent, angle = is_consistent(
+        own, turn.state.memory, turn.params, attached=turn.state.attached
+    )
     # The largest flow is a noisy one: only what is far off may be judged by it.
     if not consistent and angle > turn.params.consistency_angle + _CLEARLY:
         return grasp, angle, _off(angle)

@@ -4,7 +4,7 @@ The paper grasps at the point with the largest flow norm. That point lies on the
 part, where a cup cannot seal, and of many points with nearly the same norm noise picks one. With
 ``edge_margin`` > 0 the choice is made among points whose norm is within the leverage threshold
 of the largest, for a place that is flat, faces the pull, and is surrounded by the part on all
-sides; with 0 it is the paper's.
+sides; if none of them would seal, among points with less leverage. With 0 it is the paper's.
 """
 
 from __future__ import annotations
@@ -96,17 +96,24 @@ def select_grasp(
     largest = float(norms[top])
     if largest < _STILL:
         return None
-    pure = params.edge_margin <= 0
-    band = np.flatnonzero(norms >= largest * (1 - leverage))
-    allowed = _without_avoided(points, flow, band, avoid, avoid_angle)
-    if not len(allowed):
-        return None
     screw = _trusted(fit_screw(points, flow, points[top].astype(float)), params)
-    if pure:
-        index = top if top in allowed else int(allowed[np.argmax(norms[allowed])])
-        distance = float("nan")
-    else:
-        index, distance = _most_surrounded(points, flow, norms, allowed, screw, params)
+    leverages = _leverages(points, flow, norms, screw, params)
+    index, distance = -1, -np.inf
+    for loss in (leverage, max(leverage, params.fallback_loss)):
+        band = np.flatnonzero(leverages >= float(leverages.max()) * (1 - loss))
+        allowed = _without_avoided(points, flow, band, avoid, avoid_angle)
+        if not len(allowed):
+            continue
+        if params.edge_margin <= 0:
+            index, distance = int(allowed[np.argmax(leverages[allowed])]), float("nan")
+            break
+        found, reach = _most_surrounded(points, flow, leverages, allowed, params)
+        if reach > distance:
+            index, distance = found, reach
+        if distance >= params.edge_margin:
+            break
+    if index < 0:
+        return None
     own = flow[index].astype(float)
     point = points[index].astype(float)
     if params.direction == "screw" and screw is not None:
@@ -135,27 +142,43 @@ def _without_avoided(
     return band[keep]
 
 
-def _most_surrounded(
+def _leverages(
     points: Cloud,
     flow: NDArray[np.float32],
     norms: NDArray[np.float32],
-    candidates: NDArray[np.intp],
     screw: Screw | None,
+    params: GraspParams,
+) -> NDArray[np.float64]:
+    """(N,) what each point is worth as a grasp: its norm, or what the fitted motion gives it.
+
+    The largest of many noisy norms is well above the true one, so a band below it would hold
+    hardly any point; the fitted motion ranks places without the noise. Points that do not move
+    as it says belong to something else and are worth nothing. The paper's arg max takes the
+    norms as they are.
+    """
+    if screw is None or params.edge_margin <= 0:
+        return norms.astype(float)
+    fitted = screw.flow_at(points.astype(float))
+    sizes = np.linalg.norm(fitted, axis=1)
+    belongs = np.linalg.norm(flow - fitted, axis=1) < 0.5 * sizes
+    return np.where(belongs, sizes, 0.0) if belongs.any() else norms.astype(float)
+
+
+def _most_surrounded(
+    points: Cloud,
+    flow: NDArray[np.float32],
+    leverages: NDArray[np.float64],
+    candidates: NDArray[np.intp],
     params: GraspParams,
 ) -> tuple[int, float]:
     """The candidate to hold and its distance from the edge.
 
-    Among candidates that lie far enough from the edge the largest norm wins; if there is none,
-    the one farthest from it.
+    Among candidates that lie far enough from the edge the largest leverage wins; if there is
+    none, the one farthest from it.
     """
-    cloud = points[norms > 0.2 * float(norms.max())].astype(float)
+    cloud = points[leverages > 0.2 * float(leverages.max())].astype(float)
     spacing = _spacing(cloud)
-    leverages = norms[candidates].astype(float)
-    if screw is not None:
-        # The fitted motion ranks places without the noise of single points.
-        places = points[candidates].astype(float)
-        leverages = np.array([np.linalg.norm(screw.flow_at(place)) for place in places])
-    order = candidates[np.argsort(-leverages, kind="stable")]
+    order = candidates[np.argsort(-leverages[candidates], kind="stable")]
     best, best_distance = int(order[0]), -np.inf
     for index in order[:: 1 + (len(order) - 1) // _MAX_CANDIDATES]:
         distance = _edge_distance(points[index].astype(float), flow[index], cloud, spacing, params)

@@ -27,11 +27,13 @@ class Memory:
 
     Attributes:
         direction: (3,) last accepted motion [m], or None.
+        earlier: Accepted motions before it.
         history: Observation and prediction behind it, or None.
         updated: Whether the last step changed the history.
     """
 
     direction: Array | None = None
+    earlier: tuple[Array, ...] = ()
     history: History | None = None
     updated: bool = False
 
@@ -68,17 +70,25 @@ def remember(memory: Memory, motion: Array, seen: History, params: PolicyParams)
         memory.direction is None or angle_between(motion, memory.direction) < params.history_angle
     )
     counts = consistent and length > params.consistency_min_motion
-    direction = motion if counts else memory.direction
+    direction, earlier = memory.direction, memory.earlier
+    if counts:
+        earlier = earlier if direction is None else (*earlier, direction)
+        direction = motion
     update = not params.history_filter or (consistent and length > params.epsilon_m)
-    return Memory(direction, seen if update else memory.history, update)
+    return Memory(direction, earlier, seen if update else memory.history, update)
 
 
-def is_consistent(flow: Array, memory: Memory, params: PolicyParams) -> tuple[bool, float]:
+def is_consistent(
+    flow: Array, memory: Memory, params: PolicyParams, *, attached: bool = True
+) -> tuple[bool, float]:
     """Whether a flow agrees with the last accepted motion, and the angle between them [rad].
 
-    The angle is nan while nothing has moved.
+    The angle is nan while nothing has moved. A part that is no longer held may have fallen back,
+    a lid for instance; then the flow may agree with any motion of the run instead.
     """
     if memory.direction is None:
         return True, float("nan")
     angle = angle_between(flow, memory.direction)
+    if not attached and params.recontact_consistency == "any":
+        angle = min([angle, *(angle_between(flow, motion) for motion in memory.earlier)])
     return (not params.consistency_check or angle < params.consistency_angle), angle

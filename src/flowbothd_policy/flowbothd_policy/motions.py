@@ -26,6 +26,7 @@ _EXPECTED = {
     Phase.RETREATING: MotionKind.RETREAT,
 }
 _MAX_RETREATS = 3
+_UNREACHABLE_PLACES = 3
 
 
 def finished(turn: Turn, result: MotionResult) -> None:
@@ -84,9 +85,10 @@ def _unreachable(turn: Turn, said: str) -> None:
     count = turn.state.unreachable + 1
     avoid = _place(turn, turn.params.failed_radius)
     if turn.params.reject_failed_directions and avoid is not None:
-        # One unreachable place may be bad luck of the planner; after a second one in the same
-        # direction the whole motion is held to be out of reach, not place after place along it.
-        if any(_alike(avoid, other, turn.params.failed_angle) for other in turn.state.avoided):
+        # One or two unreachable places may be bad luck of the planner; after a third one in the
+        # same direction the motion is held to be out of reach, not place after place along it.
+        alike = [_alike(avoid, other, turn.params.failed_angle) for other in turn.state.avoided]
+        if sum(alike) >= _UNREACHABLE_PLACES - 1:
             turn.set(refuted=(*turn.state.refuted, avoid))
         turn.set(avoided=(*turn.state.avoided, avoid))
     turn.set(unreachable=count, away=False)
@@ -130,7 +132,8 @@ def account(turn: Turn, result: MotionResult) -> tuple[Array, bool]:
         turn.updated = memory.updated
         screw = state.choice.grasp.screw
         if moved:
-            travel = travel.extended(result.tool_start[:3, 3].astype(float), motion, screw)
+            start = result.tool_start[:3, 3].astype(float)
+            travel = travel.extended(start, motion, screw, state.pull)
     turn.set(step=state.step + 1, memory=memory, travel=travel, tool_motion=motion)
     if moved:
         turn.set(refuted=(), avoided=(), unreachable=0)

@@ -6,12 +6,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flowbothd_common.transforms import unit
+from flowbothd_common.transforms import angle_between, unit
 from flowbothd_common.types import ArcKind, Array, JointArc
 from flowbothd_policy.params import OpeningParams
 from flowbothd_policy.screw import Screw
 
 _HINT_ERROR = 0.1
+_FALLEN_BACK = np.radians(15.0)
 
 
 @dataclass(frozen=True)
@@ -21,10 +22,12 @@ class Segment:
     Attributes:
         points: K positions of the suction tip, each (3,) [m].
         screw: Rigid motion that the prediction behind its last step gave, if any.
+        pull: (3,) unit direction of its first step.
     """
 
     points: tuple[Array, ...]
     screw: Screw | None = None
+    pull: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -37,12 +40,15 @@ class Travel:
         """Travel in which the next step begins a new segment."""
         return Travel((*self.segments, Segment(()))) if self.segments else Travel((Segment(()),))
 
-    def extended(self, start: Array, motion: Array, screw: Screw | None) -> Travel:
-        """Travel with one more step of the present grasp."""
+    def extended(
+        self, start: Array, motion: Array, screw: Screw | None, pull: Array | None = None
+    ) -> Travel:
+        """Travel with one more step of the present grasp, made along `pull`."""
         *before, last = self.segments or (Segment(()),)
         points = last.points if last.points else (start,)
         # Steps of one grasp join: the tool's drift between them is not the part's motion.
-        step = Segment((*points, points[-1] + motion), screw or last.screw)
+        first = pull if last.pull is None else last.pull
+        step = Segment((*points, points[-1] + motion), screw or last.screw, first)
         return Travel((*before, step))
 
     @property
@@ -123,7 +129,7 @@ def judge_opening(travel: Travel, params: OpeningParams) -> Opening:
     The path itself decides between line and arc as soon as it bends by more than three times its
     noise; until then the rigid motion fitted to the prediction does, unless the straightness of
     the path contradicts it. The angle is summed over the steps' chords, so it needs the radius
-    alone and adds up over several grasps.
+    alone and adds up over several grasps, unless the part fell back in between.
     """
     segments = [segment for segment in travel.segments if len(segment.points) > 1]
     kinds = [_judge(segment, params) for segment in segments]
@@ -136,6 +142,7 @@ def judge_opening(travel: Travel, params: OpeningParams) -> Opening:
     amount, present = 0.0, float(known[-1])
     for segment, (radius, _) in zip(segments, kinds, strict=True):
         present = radius if np.isfinite(radius) else present
+        amount = _opening_at_contact(segments[0], segment, amount)
         ratios = np.minimum(_chords(segment) / (2 * max(present, 1e-3)), 1.0)
         amount += float(np.sum(2 * np.arcsin(ratios)))
     share = amount / params.target_angle if params.target_angle > 0 else np.inf
@@ -155,6 +162,18 @@ def _chords(segment: Segment) -> Array:
     if len(segment.points) < 2:
         return np.zeros(0)
     return np.asarray(np.linalg.norm(np.diff(np.asarray(segment.points), axis=0), axis=1))
+
+
+def _opening_at_contact(first: Segment, segment: Segment, so_far: float) -> float:
+    """Angle at which a hinged part was when a grasp began.
+
+    The pull turns with the part. Where it has turned back since the first pull of the run, the
+    part fell back when it was let go, as lids do, and what was opened before no longer counts.
+    """
+    if segment is first or first.pull is None or segment.pull is None:
+        return so_far
+    turned = angle_between(first.pull, segment.pull)
+    return turned if turned < so_far - _FALLEN_BACK else so_far
 
 
 def _judge(segment: Segment, params: OpeningParams) -> tuple[float, bool]:

@@ -44,6 +44,13 @@ class GraspParams:
         minimum=0.0,
         maximum=1.0,
     )
+    fallback_loss: float = parameter(
+        0.5,
+        "share of the largest flow norm that may be given up where no place within the leverage "
+        "threshold would seal",
+        minimum=0.0,
+        maximum=1.0,
+    )
     avoid_radius: float = parameter(
         0.02,
         "places nearer than this to one where the cup did not seal are avoided [m]",
@@ -63,7 +70,7 @@ class OpeningParams:
         maximum=100.0,
     )
     target_distance: float = parameter(
-        0.2, "opening of a sliding part at which the run ends [m]", minimum=0.0, maximum=1000.0
+        0.21, "opening of a sliding part at which the run ends [m]", minimum=0.0, maximum=1000.0
     )
     stall_fraction: float = parameter(
         0.5,
@@ -148,6 +155,12 @@ class PolicyParams:
     )
     occluded_leverage_from_screw: bool = parameter(
         True, "off: always read the leverage at the nearest visible point, as the paper"
+    )
+    recontact_consistency: str = parameter(
+        "any",
+        "what a new contact must be consistent with: the last accepted motion (paper), or any of "
+        "the run, because a part that was let go may have fallen back",
+        choices=("last", "any"),
     )
     consistency_min_motion: float = parameter(
         0.0,

@@ -33,9 +33,9 @@ class Screw:
     inliers: int
 
     def flow_at(self, point: Array) -> Array:
-        """(3,) flow that the motion gives at a point in base, max-normalised."""
+        """(3,) or (N, 3) flow that the motion gives at points in base, max-normalised."""
         if self.arc.kind is ArcKind.LINE:
-            return self.rate * self.arc.axis
+            return np.broadcast_to(self.rate * self.arc.axis, np.shape(point)).copy()
         return np.asarray(self.rate * np.cross(self.arc.axis, point - self.arc.point))
 
     def radius_at(self, point: Array) -> float:

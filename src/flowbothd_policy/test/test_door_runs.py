@@ -37,10 +37,13 @@ def test_the_truth_opens_every_mode_in_one_grasp(make_door, drive, mode):
 
 def test_memory_of_failures_opens_the_ambiguous_door(make_door, drive):
     """Blind attempts find one of four modes in 1 - 0.75**6 = 82 % of runs."""
-    seeds = range(4)
-    assert rate(make_door, drive, seeds, AMBIGUOUS) >= 0.95
-    blind = rate(make_door, drive, seeds, AMBIGUOUS, reject_failed_directions=False)
-    assert 0.4 <= blind <= 0.97
+    assert rate(make_door, drive, range(3), AMBIGUOUS) == 1.0
+
+
+@pytest.mark.slow
+def test_blind_attempts_open_as_often_as_chance_says(make_door, drive):
+    blind = rate(make_door, drive, range(15), AMBIGUOUS, reject_failed_directions=False)
+    assert 0.68 < blind < 0.93
 
 
 def test_same_seed_same_decisions(make_door, drive):
@@ -133,8 +136,8 @@ def start_inside(make_door, drive, **params):
     def truth(points):
         true = plain(points)
         if door.angle == 0:
-            # Until something moves only the inner half of the leaf is predicted to move.
-            true.flows[:, points[:, 1] < 0.02] = 0
+            # Until something moves only the inner part of the leaf is predicted to move.
+            true.flows[:, points[:, 1] < -0.02] = 0
         return true
 
     door.truth = truth

@@ -59,7 +59,7 @@ def test_small_motion_updates_the_direction_alone():
 
 
 def test_no_motion_and_backward_motion_change_nothing():
-    before = Memory(np.array([0.05, 0, 0]), SEEN)
+    before = Memory(np.array([0.05, 0, 0]), (), SEEN)
     other = History(np.zeros((2, 3), np.float32), np.zeros((2, 3), np.float32))
     for motion in (np.zeros(3), np.array([-0.05, 0, 0])):
         after = remember(before, motion, other, PARAMS)
@@ -90,3 +90,15 @@ def test_jitter_may_be_kept_from_the_direction():
     careful = replace(PARAMS, consistency_min_motion=0.005)
     assert remember(Memory(), np.array([0.001, 0, 0]), SEEN, careful).direction is None
     assert remember(Memory(), np.array([0.001, 0, 0]), SEEN, PARAMS).direction is not None
+
+
+def test_a_part_that_fell_back_may_move_as_it_did_before():
+    """The incident: a lid shut itself when released, and all 50 samples were 37 degrees off."""
+    memory = remember(Memory(), np.array([0, 0, 0.05]), SEEN, PARAMS)
+    memory = remember(memory, 0.05 * np.array([np.sin(0.7), 0, np.cos(0.7)]), SEEN, PARAMS)
+    shut = np.array([0, 0, 1.0])
+    assert not is_consistent(shut, memory, PARAMS, attached=True)[0]
+    assert is_consistent(shut, memory, PARAMS, attached=False)[0]
+    assert not is_consistent(-shut, memory, PARAMS, attached=False)[0]
+    paper = replace(PARAMS, recontact_consistency="last")
+    assert not is_consistent(shut, memory, paper, attached=False)[0]

@@ -88,3 +88,21 @@ def test_noise_of_the_path_is_tolerated(seed):
     ]
     opening = judge_opening(travel_along(points, hinge(0.16)), PARAMS)
     assert np.degrees(opening.amount) == pytest.approx(57, abs=6)
+
+
+def pulled(points, travel, screw):
+    """Travel of one more grasp whose first pull is tangential."""
+    travel = travel.begun()
+    for a, b in pairwise(points):
+        tangent = np.cross((0, 0, 1.0), a - np.array((0.5, 0.1, 0.3)))
+        travel = travel.extended(a, b - a, screw, tangent / np.linalg.norm(tangent))
+    return travel
+
+
+@pytest.mark.parametrize(("resumed_at", "total"), [(40, 60), (0, 20), (35, 60)])
+def test_a_lid_that_fell_shut_is_not_half_open(resumed_at, total):
+    """The incident: a lid let go at 42 degrees shut itself, and the next 28 counted as 70."""
+    first = arc_points(0.2, np.radians([0, 15, 30, 40]))
+    again = arc_points(0.2, np.radians([resumed_at, resumed_at + 10, resumed_at + 20]))
+    travel = pulled(again, pulled(first, Travel(), hinge(0.2)), hinge(0.2))
+    assert np.degrees(judge_opening(travel, PARAMS).amount) == pytest.approx(total, abs=1)
