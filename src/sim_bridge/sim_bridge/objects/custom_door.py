@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -57,7 +57,18 @@ def custom_door(mode: str, seed: int, sizes: CustomDoorSizes) -> ObjectModel:
             allowed=f"narrower than {sizes.frame_width} m, thinner than {sizes.frame_depth} m",
         )
     joints = {name: _hinge(name, sizes) for name in MODES}
-    hinge = joints[mode]
+    text = _urdf(sizes, jamb, joints[mode])
+    model = model_from_urdf(text, "custom_door", mode=mode, seed=seed)
+    return replace(
+        model,
+        target_joint="hinge",
+        alternatives=joints,
+        default_pose=standing_at(model, 0.55, 0.0, np.pi / 2),
+    )
+
+
+def _urdf(sizes: CustomDoorSizes, jamb: float, hinge: Joint) -> str:
+    """The door with jambs of width `jamb`, its leaf on the given hinge."""
     urdf = BoxUrdf("custom_door")
     floor = sizes.base_height
     jamb_y = (sizes.frame_width - jamb) / 2
@@ -84,22 +95,9 @@ def custom_door(mode: str, seed: int, sizes: CustomDoorSizes) -> ObjectModel:
         origin=hinge.point.tolist(),
     )
     urdf.joint("frame_joint", "fixed", "base_plate", "frame", (0, 0, 1), (0, 0))
-    urdf.joint(
-        "hinge", "revolute", "frame", "leaf", hinge.axis.tolist(), (hinge.lower, hinge.upper)
-    )
-    model = model_from_urdf(urdf.text(), "custom_door", mode=mode, seed=seed)
-    pose = standing_at(model, 0.55, 0.0, np.pi / 2)
-    return ObjectModel(
-        model.name,
-        mode,
-        seed,
-        model.links,
-        model.joints,
-        "hinge",
-        model.urdf,
-        alternatives=joints,
-        default_pose=pose,
-    )
+    limits = (hinge.lower, hinge.upper)
+    urdf.joint("hinge", "revolute", "frame", "leaf", hinge.axis.tolist(), limits)
+    return urdf.text()
 
 
 def _hinge(mode: str, sizes: CustomDoorSizes) -> Joint:
