@@ -75,12 +75,14 @@ class FlowStep:
 
     def tick(self, now: float, commanded: JointState, seen: RobotObservation) -> Step:
         """Give way across the flow, and check the guards."""
-        clock = now - self._began
-        travel = float(self._reference.travel(clock).position[0])
         force = self._force.update(now, seen.wrench)
         if self._replaced is None:
-            self._replaced = self._moved_on = clock
+            # The clock starts when the trajectory goes out, not when it was planned.
+            self._began = now
+            self._replaced = self._moved_on = 0.0
             return Step(self._planned.trajectory)
+        clock = now - self._began
+        travel = float(self._reference.travel(clock).position[0])
         if self._ending is None:
             self._fraction = min(1.0, travel / self._distance)
             ending = self._guard(travel, force, seen)

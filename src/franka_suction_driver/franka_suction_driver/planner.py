@@ -111,19 +111,10 @@ class Planner:
         return replace(other, message=why)
 
     def retreat(self, start: Array, rng: np.random.Generator) -> PlannedMotion:
-        """Plan straight back along the tool axis, then to the start pose.
+        """Plan straight back along the tool axis, then to the start pose, or near it if taken.
 
-        Where that fails only because of what the cloud may hide, that is not presumed: the arm has
-        come from there.
+        An opened door may stand where the arm started; the arm then waits behind or above.
         """
-        planned = self._retreat(start, rng)
-        if planned.reason is not MotionReason.REACHED and self.collision.presumes:
-            self.collision.set_points(self.collision.points)
-            planned = self._retreat(start, rng)
-        return planned
-
-    def _retreat(self, start: Array, rng: np.random.Generator) -> PlannedMotion:
-        goal = np.array(self._params.robot.start_positions)
         back = self._back_off(start)
         escape, rest = self._out_of_contact(start, back)
         if rest is None:
@@ -131,11 +122,29 @@ class Planner:
                 MotionReason.COLLISION,
                 f"backing off touches: {self.collision.touch(back[-1])}",
             )
-        corners = self._connect(rest, goal[None], rng)
+        home = np.array(self._params.robot.start_positions)
+        taken = self.collision.touch(home)
+        goals = home[None] if taken is None else self._near_home(home)
+        if not len(goals):
+            message = f"the start pose and all near it touch: {taken}; clear the space there"
+            return PlannedMotion(MotionReason.COLLISION, message)
+        corners = self._connect(rest, goals, rng)
         if corners is None:
             return PlannedMotion(MotionReason.UNREACHABLE, self._no_path("the start pose"))
         points = np.concatenate([escape, corners[0][1:]]) if len(escape) > 1 else corners[0]
-        return PlannedMotion(MotionReason.REACHED, "", self._timed(points, len(escape)))
+        note = "" if taken is None else f"stopped near the start pose, which touches: {taken}"
+        return PlannedMotion(MotionReason.REACHED, note, self._timed(points, len(escape)))
+
+    def _near_home(self, home: Array) -> Array:
+        """(G, J) free configurations around the start pose, nearest first."""
+        turns = np.array([0.0, 0.4, -0.4, 0.8, -0.8, 1.2, -1.2])
+        lifts = np.array([0.15, 0.3, 0.45, 0.6, 0.8])
+        offsets = np.array([(turn, -lift) for turn in turns for lift in lifts])
+        offsets = offsets[np.argsort(np.abs(offsets).sum(axis=1), kind="stable")]
+        candidates = np.tile(home, (len(offsets), 1))
+        candidates[:, :2] += offsets
+        free = [q for q in self._box.clip(candidates) if self.collision.free(q)]
+        return np.array(free[:_GOALS])
 
     def _approach_from(
         self,
@@ -298,15 +307,24 @@ class Planner:
         return np.concatenate([start[None], path.positions[0, 1 : max(1, count)]])
 
     def _out_of_contact(self, start: Array, back: Array) -> tuple[Array, Array | None]:
-        """The way back, shortened where it is free early enough, and its free end or None."""
-        touches = [not self.collision.free(q) for q in back]
-        if touches[-1]:
-            # The first motion away from a contact may begin inside the margin, but must leave it.
-            free = [k for k, touching in enumerate(touches) if not touching]
-            if not free:
-                return back, None
-            back = back[: free[-1] + 1]
-        return back, back[-1] if len(back) else start
+        """The way back up to its last free configuration, and that one; None if there is none.
+
+        The first motion away from a contact begins inside the margins, but must leave them. An
+        arm that is folded too tightly for any of that unfolds towards the start pose first.
+        """
+        free = [k for k, q in enumerate(back) if self.collision.free(q)]
+        if free:
+            return back[: free[-1] + 1], back[free[-1]]
+        held = self.collision.touch(back[-1])
+        home = np.array(self._params.robot.start_positions)
+        for part in np.linspace(0.02, 0.5, 25):
+            q = back[-1] + (home - back[-1]) * part
+            touch = self.collision.touch(q)
+            if touch is None:
+                return np.vstack([back, q]), q
+            if touch != held:
+                break
+        return back, None
 
     def _out_of_reach(self, poses: ToolPoses, stage: int) -> str:
         where = "standoff" if stage == 0 else "contact"
