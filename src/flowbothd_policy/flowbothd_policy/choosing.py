@@ -136,8 +136,9 @@ def step(turn: Turn, choice: Choice, why: str) -> None:
     if params.opening.limit_last_step and opening.share > 0:
         shortest = min(2 * params.epsilon_m, distance)
         distance = float(np.clip(opening.remaining() + _LAST_STEP_PLAY, shortest, distance))
+    distance = min(distance, state.reach)
     arc = expected_arc(state.travel, grasp.screw, params.opening) if params.give_arc else None
-    turn.set(choice=choice, pull=pull)
+    turn.set(choice=choice, pull=pull, distance=distance)
     turn.move(
         MotionGoal(MotionKind.FLOW_STEP, direction=pull, distance=distance, arc=arc), Phase.STEPPING
     )

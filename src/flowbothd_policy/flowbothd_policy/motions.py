@@ -6,7 +6,7 @@ import numpy as np
 
 from flowbothd_common.motion import MotionGoal, MotionKind, MotionReason, MotionResult
 from flowbothd_common.transforms import angle_between
-from flowbothd_common.types import Array, History, Outcome
+from flowbothd_common.types import Array, History, Outcome, SuctionPhase
 from flowbothd_policy import attempts, choosing
 from flowbothd_policy.grasp_selection import Place
 from flowbothd_policy.history import part_motion, remember
@@ -75,7 +75,7 @@ def _after_approach(turn: Turn, result: MotionResult, said: str) -> None:
     # it has to travel along the flow to touch, otherwise against it.
     ahead = float(result.tool_end[:3, 2] @ choice.grasp.direction) > np.cos(np.pi / 4)
     direction = choice.grasp.direction if ahead else -choice.grasp.direction
-    turn.set(travel=turn.state.travel.begun())
+    turn.set(travel=turn.state.travel.begun(), reach=float("inf"))
     turn.pump(turn.params.vacuum)
     turn.move(MotionGoal(MotionKind.PROBE, direction=direction), Phase.PROBING)
     turn.say("probe", f"{said}; pump on")
@@ -136,12 +136,15 @@ def account(turn: Turn, result: MotionResult) -> tuple[Array, bool]:
             travel = travel.extended(start, motion, screw, state.pull)
     turn.set(step=state.step + 1, memory=memory, travel=travel, tool_motion=motion)
     if moved:
-        turn.set(refuted=(), avoided=(), unreachable=0)
+        turn.set(refuted=(), avoided=(), unreachable=0, reach=float("inf"))
     return motion, moved
 
 
 def after_step(turn: Turn, result: MotionResult, said: str) -> None:
     """Judge a flow step: opened, go on, or a failed attempt."""
+    if result.reason in _CANNOT_GO and result.reached_fraction <= 1e-6:
+        _blocked(turn, said)
+        return
     motion, moved = account(turn, result)
     opening = turn.opening
     lost = result.reason is MotionReason.SUCTION_LOST or not result.vacuum
@@ -183,6 +186,18 @@ def _turned(turn: Turn, result: MotionResult) -> float:
         return 0.0
     angle = angle_between(first, result.tool_end[:3, 2])
     return min(angle, np.pi - angle) / turn.params.opening.target_angle
+
+
+def _blocked(turn: Turn, said: str) -> None:
+    """The arm cannot make the step at all: try half of it, then hold the part elsewhere."""
+    state, params = turn.state, turn.params
+    half = state.distance / 2
+    held = state.suction is SuctionPhase.HOLDING
+    if held and state.choice is not None and half > params.epsilon_m:
+        turn.set(reach=half)
+        choosing.step(turn, state.choice, f"{said}; trying half of it")
+    else:
+        attempts.fail(turn, said, avoid=_place(turn, params.failed_radius))
 
 
 def _refuted(turn: Turn, result: MotionResult, moved: bool) -> Place | None:

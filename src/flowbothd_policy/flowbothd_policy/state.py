@@ -83,6 +83,8 @@ class PolicyState:
         closest: Of the rejected samples of this step, the one closest to being accepted.
         tool: (3,) last known position of the suction tip [m].
         pull: (3,) direction of the step under way, unit.
+        distance: Length asked of the step under way [m].
+        reach: Longest step that the arm may be able to make from here [m].
         memory: Consistency direction and history.
         refuted: Places and pulls that did not move the part since something last moved.
         avoided: Places where the cup did not seal or the arm could not go, since then.
@@ -116,6 +118,8 @@ class PolicyState:
     closest: Choice | None = None
     tool: Array = field(default_factory=lambda: np.zeros(3))
     pull: Array = field(default_factory=lambda: np.zeros(3))
+    distance: float = 0.0
+    reach: float = float("inf")
     memory: Memory = field(default_factory=Memory)
     refuted: tuple[Place, ...] = ()
     avoided: tuple[Place, ...] = ()

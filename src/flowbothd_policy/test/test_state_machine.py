@@ -556,3 +556,23 @@ def test_seeds_depend_on_every_part():
     assert sample_seed(1, 2, 3, 4) == 5757640408911466129 or isinstance(
         sample_seed(1, 2, 3, 4), int
     )
+
+
+def test_a_step_that_the_arm_cannot_make_is_halved_then_given_up():
+    """The incident: the arm could follow a lid for 1 of 5 cm, and let it fall shut instead."""
+    player = player_in(Phase.STEPPING)
+    blocked = moved(MotionKind.FLOW_STEP, MotionReason.SINGULARITY, fraction=0.0)
+    for expected in (0.025, 0.0125):
+        player.feed(blocked)
+        assert player.only(Move)[0].goal.distance == pytest.approx(expected)
+        assert player.state.step == 0, "a step that was not made is not counted"
+    player.feed(blocked)
+    assert player.state.phase is Phase.RELEASING
+    assert player.state.refuted == ()
+    assert len(player.state.avoided) == 1
+
+
+def test_after_half_a_step_whole_steps_are_made_again():
+    player = player_in(Phase.STEPPING)
+    player.feed(moved(MotionKind.FLOW_STEP, MotionReason.JOINT_LIMIT, fraction=0.0), STEPPED).see()
+    assert player.only(Move)[0].goal.distance == PARAMS.step_distance
