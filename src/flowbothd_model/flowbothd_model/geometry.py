@@ -14,9 +14,13 @@ def gather(values: Tensor, index: Tensor) -> Tensor:
 
 
 def squared_distances(a: Tensor, b: Tensor) -> Tensor:
-    """(B, N, M) squared distances between `a` (B, N, 3) and `b` (B, M, 3), never negative."""
-    cross = torch.baddbmm((b * b).sum(-1).unsqueeze(1), a, b.transpose(1, 2), beta=1.0, alpha=-2.0)
-    return (cross + (a * a).sum(-1).unsqueeze(2)).clamp_(min=0.0)
+    """(B, N, M) squared distances between `a` (B, N, 3) and `b` (B, M, 3), never negative.
+
+    In full precision also under mixed precision: halved, they would name the wrong neighbours.
+    """
+    with torch.autocast(a.device.type, enabled=False):
+        norms = (a * a).sum(-1).unsqueeze(2) + (b * b).sum(-1).unsqueeze(1)
+        return torch.baddbmm(norms, a, b.transpose(1, 2), alpha=-2.0).clamp_(min=0.0)
 
 
 @torch.no_grad()

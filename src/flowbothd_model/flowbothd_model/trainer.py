@@ -5,7 +5,6 @@ from __future__ import annotations
 import contextlib
 import logging
 import os
-import random
 import signal
 import time
 from collections.abc import Iterator
@@ -18,7 +17,7 @@ from torch import Tensor, nn
 from torch.utils.data import DataLoader
 
 from flowbothd_model.checkpoint import read_checkpoint, save_checkpoint
-from flowbothd_model.config import PRESETS
+from flowbothd_model.config import PRESETS, Architecture
 from flowbothd_model.data.stream import Batch, BatchStream, Mixture
 from flowbothd_model.factory import build
 from flowbothd_model.objective import step_generator, training_loss
@@ -75,7 +74,11 @@ class Trainer:
         self._stop = False
         self._forward: nn.Module = self.network
         if self.processes > 1:
-            self._forward = nn.parallel.DistributedDataParallel(self.network)
+            # A batch of the published network may be without any history, its encoder then idle.
+            idle = self.model_config.network.architecture is Architecture.PAPER
+            self._forward = nn.parallel.DistributedDataParallel(
+                self.network, find_unused_parameters=idle
+            )
         if self._state_path.is_file():
             self._resume()
         self._log = RunLog(config.out, self.step, enabled=self.rank == 0)
@@ -206,7 +209,6 @@ def _quiet_worker(_worker: int) -> None:
     """Data processes use one thread each and leave signals to the training process."""
     torch.set_num_threads(1)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    random.seed(0)  # nothing of ours draws from it; a library that did would stay reproducible
 
 
 @contextlib.contextmanager

@@ -99,6 +99,15 @@ def test_the_best_weights_of_the_validation_are_kept(tmp_path):
     assert (tmp_path / "curves.png").stat().st_size > 1000
 
 
+def test_mixed_precision_learns_in_full_precision_weights(tmp_path):
+    run = trainer(tmp_path, 2, precision="bf16")
+    before = {k: v.clone() for k, v in run.network.state_dict().items()}
+    assert 0 < run.run() < 10
+    after = run.network.state_dict()
+    assert all(v.dtype == torch.float32 for v in after.values())
+    assert any(not torch.equal(before[k], v) for k, v in after.items())
+
+
 def test_a_run_can_begin_with_given_weights(tmp_path):
     first = trainer(tmp_path / "a", 2)
     first.run()
