@@ -18,11 +18,15 @@ class JointBuffer:
         names: Joints wanted, in order.
         gap: Longest time between two states to interpolate over [s]; also how far an image may
             be newer than the last state without waiting for the next.
+        still: Longer gaps are bridged too where no joint moved by more than this [rad] in them.
         length: States kept.
     """
 
-    def __init__(self, names: Sequence[str], gap: float = 0.1, length: int = 2000) -> None:
-        self._names, self._gap, self._length = tuple(names), gap, length
+    def __init__(
+        self, names: Sequence[str], gap: float = 0.1, still: float = 0.01, length: int = 2000
+    ) -> None:
+        self._names, self._gap, self._still = tuple(names), gap, still
+        self._length = length
         self._stamps: list[float] = []
         self._positions: list[Array] = []
 
@@ -65,8 +69,10 @@ class JointBuffer:
                 return None, f"joint states begin {early:.3f} s after the image"
             return self._positions[0].copy(), ""
         start, end = self._stamps[after - 1], self._stamps[after]
-        if end - start > self._gap:
+        before, step = (
+            self._positions[after - 1],
+            self._positions[after] - self._positions[after - 1],
+        )
+        if end - start > self._gap and float(np.max(np.abs(step))) > self._still:
             return None, f"no joint states for {end - start:.3f} s around the image"
-        share = (stamp - start) / (end - start)
-        before = self._positions[after - 1]
-        return before + share * (self._positions[after] - before), ""
+        return before + (stamp - start) / (end - start) * step, ""

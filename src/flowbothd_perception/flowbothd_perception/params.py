@@ -158,6 +158,11 @@ class PerceptionNodeParams(PipelineParams):
     joint_gap: float = parameter(
         0.1, "longest gap between joint states to interpolate over [s]", minimum=0.001
     )
+    joint_still: float = parameter(
+        0.01,
+        "longer gaps are bridged where no joint moved by more than this [rad]",
+        minimum=0.0,
+    )
     joint_timeout: float = parameter(
         0.7, "silence of joint_states after which they are missing, steady clock [s]", minimum=0.05
     )

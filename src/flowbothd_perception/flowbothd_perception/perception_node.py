@@ -78,7 +78,9 @@ class PerceptionNode(Node):
         self._description = message.data
         try:
             self._pipeline = PerceptionPipeline(self._params, message.data)
-            self._joints = JointBuffer(self._pipeline.joint_names, self._params.joint_gap)
+            self._joints = JointBuffer(
+                self._pipeline.joint_names, self._params.joint_gap, self._params.joint_still
+            )
             self._trouble.pop("robot_description", None)
         except FlowBotError as error:
             self._pipeline = None
@@ -131,16 +133,15 @@ class PerceptionNode(Node):
             return
         positions, why = self._joints.at(stamp)
         if positions is None:
-            self._trouble["frame"] = f"frame dropped: {why}"
+            self._remark = f"frame dropped: {why}"
             return
         try:
             points = self._measured(message)
             seed = (self._params.seed, message.header.stamp.sec, message.header.stamp.nanosec)
             result = self._pipeline.process(points, self._T_base_camera, positions, seed)
         except FlowBotError as error:
-            self._trouble["frame"] = f"frame dropped: {error}"
+            self._remark = f"frame dropped: {error}"
             return
-        self._trouble.pop("frame", None)
         self._publish(message.header, result)
 
     def _measured(self, message: Image | PointCloud2) -> Cloud:

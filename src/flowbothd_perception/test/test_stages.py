@@ -113,6 +113,16 @@ def test_an_image_without_joint_states_is_not_passed_on(stamp, why):
     assert why in message
 
 
+def test_a_gap_in_which_the_arm_stood_still_does_not_matter():
+    """The incident: a busy machine lost half a second of joint states, and every frame with it."""
+    buffer = JointBuffer(("a",), gap=0.1, still=0.01)
+    buffer.add(1.0, ("a",), (0.5,))
+    buffer.add(1.6, ("a",), (0.505,))
+    np.testing.assert_allclose(buffer.at(1.3)[0], [0.5025])
+    buffer.add(2.2, ("a",), (0.6,))
+    assert buffer.at(1.9)[0] is None
+
+
 def test_a_reset_of_time_empties_the_buffer():
     buffer = JointBuffer(("a",))
     buffer.add(100.0, ("a",), (5.0,))

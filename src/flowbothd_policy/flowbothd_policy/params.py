@@ -101,6 +101,9 @@ class WaitParams:
     prediction: float = parameter(120.0, "for a prediction [s]", minimum=0.1, maximum=3600.0)
     motion: float = parameter(120.0, "for the end of a motion [s]", minimum=0.1, maximum=3600.0)
     release: float = parameter(3.0, "for the pump to vent [s]", minimum=0.0, maximum=60.0)
+    halt: float = parameter(
+        3.0, "for the arm to come to rest before a paused run goes on [s]", minimum=0.0
+    )
     pause: float = parameter(
         60.0, "for missing nodes to come back before the run is aborted [s]", minimum=0.0
     )

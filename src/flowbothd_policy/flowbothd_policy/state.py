@@ -100,6 +100,7 @@ class PolicyState:
         after_retreat: What follows the retreat.
         ending: Outcome and reason once the run is winding up.
         lost: What is missing while paused.
+        halting: The arm has been told to stop and has not yet said that it did.
         tool_motion: (3,) part motion measured in the last step [m].
     """
 
@@ -135,6 +136,7 @@ class PolicyState:
     after_retreat: After = After.OBSERVE
     ending: tuple[Outcome, str] | None = None
     lost: tuple[str, ...] = ()
+    halting: bool = False
     tool_motion: Array = field(default_factory=lambda: np.zeros(3))
 
 

@@ -63,6 +63,8 @@ def waiting(state: PolicyState, params: PolicyParams) -> tuple[str, float] | Non
     """What the state waits for, in words, and for how many seconds at most; None if nothing."""
     if state.phase in MOVING:
         return f"the end of the motion ({state.phase.value})", params.wait.motion
+    if state.phase is Phase.PAUSED and not state.lost:
+        return "the arm to come to rest", params.wait.halt
     return {
         Phase.OBSERVING: ("an object cloud", params.wait.observation),
         Phase.PREDICTING: ("a flow prediction", params.wait.prediction),
@@ -125,13 +127,15 @@ def _on_motion(turn: Turn, event: MotionFinished) -> None:
         motions.finished(turn, result)
         return
     # The motion that the pause stopped: what it moved counts, how it ended does not.
-    turn.set(tool=result.tool_end[:3, 3].astype(float))
+    turn.set(tool=result.tool_end[:3, 3].astype(float), halting=False)
     if result.kind is MotionKind.FLOW_STEP:
         motions.account(turn, result)
     elif result.kind is MotionKind.PROBE and result.vacuum:
         turn.set(attached=True, held=True)
     elif result.kind is MotionKind.RETREAT and result.reason is MotionReason.REACHED:
         turn.set(away=False)
+    if not turn.state.lost:
+        attempts.recover(turn, "everything is back and the arm at rest", "resume")
 
 
 def _on_suction(turn: Turn, event: SuctionChanged) -> None:
@@ -155,6 +159,8 @@ def _on_inputs_lost(turn: Turn, event: InputsLost) -> None:
     if state.phase in _AT_REST:
         return
     names = ", ".join(event.names)
+    if state.phase in MOVING:
+        turn.set(halting=True)
     _stop_if_moving(turn)
     if turn.params.on_inputs_lost == "abort":
         attempts.finish(turn, Outcome.ABORTED, f"missing: {names}")
@@ -168,7 +174,11 @@ def _on_inputs_back(turn: Turn, event: InputsBack) -> None:
         return
     names = ", ".join(turn.state.lost)
     turn.set(lost=())
-    attempts.recover(turn, f"back again: {names}", "resume")
+    if turn.state.halting:
+        # Another motion would be refused while the last one still comes to rest.
+        turn.say("wait", f"back again: {names}; waiting for the arm to come to rest")
+    else:
+        attempts.recover(turn, f"back again: {names}", "resume")
 
 
 def _on_operator_stop(turn: Turn, event: OperatorStop) -> None:
@@ -199,6 +209,10 @@ def _on_wait_expired(turn: Turn, event: WaitExpired) -> None:
         _on_prediction_failed(turn, PredictionFailed(late))
     elif state.phase is Phase.RELEASING:
         attempts.retreat(turn, f"{late}; going on without")
+    elif state.phase is Phase.PAUSED and not state.lost:
+        # A motion node that was started anew knows nothing of the motion that it should end.
+        turn.set(halting=False)
+        attempts.recover(turn, f"{late}; going on", "resume")
     elif state.phase is Phase.PAUSED:
         if state.pump_on:
             turn.pump(0.0)

@@ -195,7 +195,7 @@ TABLE = {
     },
     Phase.PAUSED: {
         "lost": Phase.PAUSED,
-        "back": Phase.OBSERVING,
+        "back": Phase.PAUSED,
         "expired": Phase.FINISHED,
         "stop": Phase.FINISHED,
     },
@@ -439,7 +439,26 @@ def test_pause_keeps_the_part_and_goes_on():
 
 def test_pause_before_the_part_is_held_starts_over():
     player = player_in(Phase.PROBING).feed(InputsLost(("inference_node",)), InputsBack())
+    player.feed(moved(MotionKind.PROBE, MotionReason.STOPPED))
     assert player.only(Move)[0].goal.kind is MotionKind.RETREAT
+
+
+@pytest.mark.parametrize("answered", [True, False])
+def test_no_motion_is_asked_for_while_the_last_one_comes_to_rest(answered):
+    """The incident: back after half a second, the retreat was refused: approach still running."""
+    player = player_in(Phase.APPROACHING).feed(InputsLost(("camera",)), InputsBack())
+    assert player.state.phase is Phase.PAUSED
+    assert not player.only(Move)
+    assert waiting(player.state, PARAMS) == ("the arm to come to rest", PARAMS.wait.halt)
+    stopped = moved(MotionKind.APPROACH, MotionReason.STOPPED, fraction=0.4)
+    player.feed(stopped if answered else WaitExpired())
+    assert player.decision.decision == "resume"
+    assert player.only(Move)[0].goal.kind is MotionKind.RETREAT
+
+
+def test_a_pause_without_motion_is_over_at_once():
+    player = player_in(Phase.PREDICTING).feed(InputsLost(("inference_node",)), InputsBack())
+    assert player.state.phase is Phase.OBSERVING
 
 
 def test_missing_inputs_may_abort():
