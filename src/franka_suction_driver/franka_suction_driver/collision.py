@@ -178,6 +178,21 @@ class CollisionChecker:
                 )
         return Touch("the arm", "something")
 
+    def touches(self, q: Array) -> frozenset[Touch]:
+        """All pairs of things that are closer than their margin at joint positions (J,)."""
+        self._allow(())
+        pinocchio.computeCollisions(
+            self._kinematics.model, self._data, self._geometry, self._geometry_data, q, False
+        )
+        objects = self._geometry.geometryObjects
+        return frozenset(
+            Touch(_link_name(objects[pair.first].name), _link_name(objects[pair.second].name))
+            for pair, result in zip(
+                self._geometry.collisionPairs, self._geometry_data.collisionResults, strict=True
+            )
+            if result.isCollision()
+        )
+
     def free(self, q: Array, *, contact_links: Sequence[str] = ()) -> bool:
         """Whether nothing touches at joint positions (J,)."""
         self._allow(tuple(contact_links))

@@ -14,6 +14,7 @@ from flowbothd_common.motion import JointTrajectory, MotionReason
 from flowbothd_common.types import Array, JointArc
 from franka_suction_driver.collision import Box, CollisionChecker, Margins
 from franka_suction_driver.continuation import ToolPoses, moving_part, opening_poses
+from franka_suction_driver.escape import TOOL_LINKS, escape, leaves_and_stays_free
 from franka_suction_driver.inverse_kinematics import PositionBox, follow, solve
 from franka_suction_driver.joint_path import SmoothPath, stop_and_go
 from franka_suction_driver.kinematics import Kinematics
@@ -21,8 +22,6 @@ from franka_suction_driver.limits import JointLimits
 from franka_suction_driver.params import MotionParams
 from franka_suction_driver.path_search import find_path, shorten
 
-CONTACT_LINKS = ("suction_stem", "suction_cup")
-"""Parts of the tool that come within the margin of what the cup touches."""
 _GOALS = 8
 _FOLLOW_TOLERANCE = 0.003
 _SPACINGS = (0.3, 0.15, 0.07)
@@ -116,13 +115,13 @@ class Planner:
         An opened door may stand where the arm started; the arm then waits behind or above.
         """
         back = self._back_off(start)
-        escape, rest = self._out_of_contact(start, back)
+        home = np.array(self._params.robot.start_positions)
+        way_out, rest = escape(self.collision, back, [home, *self._near_home(home)])
         if rest is None:
             return PlannedMotion(
                 MotionReason.COLLISION,
-                f"backing off touches: {self.collision.touch(back[-1])}",
+                f"backing off does not come free of: {self.collision.touch(back[-1])}",
             )
-        home = np.array(self._params.robot.start_positions)
         taken = self.collision.touch(home)
         goals = home[None] if taken is None else self._near_home(home)
         if not len(goals):
@@ -131,9 +130,9 @@ class Planner:
         corners = self._connect(rest, goals, rng)
         if corners is None:
             return PlannedMotion(MotionReason.UNREACHABLE, self._no_path("the start pose"))
-        points = np.concatenate([escape, corners[0][1:]]) if len(escape) > 1 else corners[0]
+        points = np.concatenate([way_out, corners[0][1:]]) if len(way_out) > 1 else corners[0]
         note = "" if taken is None else f"stopped near the start pose, which touches: {taken}"
-        return PlannedMotion(MotionReason.REACHED, note, self._timed(points, len(escape)))
+        return PlannedMotion(MotionReason.REACHED, note, self._timed(points))
 
     def _near_home(self, home: Array) -> Array:
         """(G, J) free configurations around the start pose, nearest first."""
@@ -185,7 +184,7 @@ class Planner:
         if found is None:
             return PlannedMotion(MotionReason.UNREACHABLE, self._no_path("the standoff"), side=side)
         note = "" if branches.reach >= 1 else f"only {branches.reach:.0%} of the opening reachable"
-        return PlannedMotion(MotionReason.REACHED, note, self._timed(found[0], 0), side)
+        return PlannedMotion(MotionReason.REACHED, note, self._timed(found[0]), side)
 
     def _branches(
         self, start: Array, poses: ToolPoses, part: Box | None, rng: np.random.Generator
@@ -246,7 +245,7 @@ class Planner:
         for k, q in enumerate(path):
             if part is not None:
                 self.collision.move_box(part.name, poses.part[k] @ part.pose)
-            touch = self.collision.touch(q, contact_links=() if k == 0 else CONTACT_LINKS)
+            touch = self.collision.touch(q, contact_links=() if k == 0 else TOOL_LINKS)
             if touch is not None:
                 touches.append(str(touch))
                 return k
@@ -273,26 +272,16 @@ class Planner:
             return None
         return shorten(path.points, edge_free, rng, self._params.planning.shortcuts), path.goal
 
-    def _timed(self, corners: Array, excused: int) -> JointTrajectory:
-        """Time the path, its corners rounded as far as it stays free, or with a stop at each.
-
-        Args:
-            corners: (P, J) collision-free polyline.
-            excused: Leading corners that were allowed to touch.
-        """
+    def _timed(self, corners: Array) -> JointTrajectory:
+        """Time a (P, J) polyline, corners rounded as far as it stays free, or with stops there."""
         limits = self._limits.scaled(self._params.robot.speed_scale)
         names = self._kinematics.joint_names
         for spacing in _SPACINGS:
             path = SmoothPath(corners, spacing)
-            if self._stays_free(path.samples(self._params.planning.resolution), excused > 0):
+            samples = path.samples(self._params.planning.resolution)
+            if leaves_and_stays_free(self.collision, samples):
                 return path.timed(names, limits)
         return stop_and_go(names, corners, limits)
-
-    def _stays_free(self, configurations: Array, may_start_touching: bool) -> bool:
-        touching = np.array([not self.collision.free(q) for q in configurations])
-        if may_start_touching and not touching.all():
-            touching = touching[int(np.argmin(touching)) :]
-        return not touching.any()
 
     def _back_off(self, start: Array) -> Array:
         """(K, J) straight back along the tool axis from `start`, as far as the arm reaches."""
@@ -305,26 +294,6 @@ class Planner:
         bad = np.flatnonzero(path.error[0] > _FOLLOW_TOLERANCE)
         count = bad[0] if len(bad) else len(ways)
         return np.concatenate([start[None], path.positions[0, 1 : max(1, count)]])
-
-    def _out_of_contact(self, start: Array, back: Array) -> tuple[Array, Array | None]:
-        """The way back up to its last free configuration, and that one; None if there is none.
-
-        The first motion away from a contact begins inside the margins, but must leave them. An
-        arm that is folded too tightly for any of that unfolds towards the start pose first.
-        """
-        free = [k for k, q in enumerate(back) if self.collision.free(q)]
-        if free:
-            return back[: free[-1] + 1], back[free[-1]]
-        held = self.collision.touch(back[-1])
-        home = np.array(self._params.robot.start_positions)
-        for part in np.linspace(0.02, 0.5, 25):
-            q = back[-1] + (home - back[-1]) * part
-            touch = self.collision.touch(q)
-            if touch is None:
-                return np.vstack([back, q]), q
-            if touch != held:
-                break
-        return back, None
 
     def _out_of_reach(self, poses: ToolPoses, stage: int) -> str:
         where = "standoff" if stage == 0 else "contact"
