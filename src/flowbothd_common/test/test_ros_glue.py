@@ -178,8 +178,21 @@ def test_silence_is_timed_and_names_who_is_silent():
 
     silence = Silence(0.5)
     silence.heard("a", now=10.0)
-    assert silence.silent(["a", "b"], now=10.4) == ["b"]
+    assert silence.silent(["a", "b"], now=10.2) == ["b"]
+    assert silence.silent(["a"], now=10.4) == []
     assert silence.silent(["a"], now=10.6) == ["a"]
+
+
+def test_a_listener_that_was_stalled_blames_nobody():
+    """The incident: a policy that had computed for a second found all five peers dead."""
+    from flowbothd_common.ros.liveness import Silence
+
+    silence = Silence(0.5)
+    silence.heard("a", now=10.0)
+    assert silence.silent(["a"], now=10.1) == []
+    assert silence.silent(["a"], now=12.0) == []
+    assert silence.silent(["a"], now=12.1) == []
+    assert silence.silent(["a"], now=12.3) == ["a"]
 
 
 def test_a_peer_is_missed_when_it_stops_and_says_what_it_misses_itself(make_node):

@@ -79,12 +79,16 @@ class MotionHeartbeat:
 class Silence:
     """Times on the steady clock when each source was last heard; free of ROS.
 
+    Time in which the listener itself was stalled does not count: nothing can be heard in it. Ask
+    several times per timeout.
+
     Attributes:
         timeout: Seconds after which a source that was heard before is missing.
     """
 
     timeout: float = SILENCE
     _last: dict[str, float] = field(default_factory=dict)
+    _asked: float | None = None
 
     def heard(self, name: str, now: float | None = None) -> None:
         """Note that `name` gave a sign of life."""
@@ -97,7 +101,12 @@ class Silence:
 
     def silent(self, names: Iterable[str], now: float | None = None) -> list[str]:
         """Those of `names` that were never heard or not for longer than the timeout."""
-        return [name for name in names if self.age(name, now) > self.timeout]
+        current = time.monotonic() if now is None else now
+        stall = 0.0 if self._asked is None else current - self._asked - self.timeout / 2
+        self._asked = current
+        if stall > 0:
+            self._last = {name: min(current, at + stall) for name, at in self._last.items()}
+        return [name for name in names if self.age(name, current) > self.timeout]
 
 
 class PeerWatch:
