@@ -21,15 +21,15 @@ test: setup ## all tests that this machine can run, colcon included
 	$(PYTEST) -m "not slow" $(ARGS)
 
 check: setup ## format, lint, types, spelling, and the tests that need no ROS
-	$(BIN)/ruff format --check src tests tools
-	$(BIN)/ruff check src tests tools
+	$(BIN)/ruff format --check src tests tools conftest.py
+	$(BIN)/ruff check src tests tools conftest.py
 	$(BIN)/mypy $(addprefix src/,$(foreach p,flowbothd_common flowbothd_model flowbothd_perception flowbothd_policy franka_suction_driver sim_bridge flowbothd_bringup,$(p)/$(p)))
 	$(BIN)/codespell src tests tools docs README.md ARCHITECTURE.md CONTRIBUTING.md CHANGELOG.md
 	$(PYTEST) -q -m "not ros and not e2e and not slow"
 
 format: setup ## format the code and sort its imports
-	$(BIN)/ruff format src tests tools
-	$(BIN)/ruff check --fix src tests tools
+	$(BIN)/ruff format src tests tools conftest.py
+	$(BIN)/ruff check --fix src tests tools conftest.py
 
 colcon: setup ## build and test the Python packages with colcon, without any ROS sourced
 	cd ros2_ws && ../$(BIN)/colcon build --packages-ignore flowbothd_interfaces
