@@ -68,7 +68,9 @@ class BridgeParams:
     object: str = parameter(
         "custom_door", "Registered object, PartNet-Mobility folder, or .urdf file"
     )
-    mode: str = parameter("", "Mode of an object with modes; empty = drawn from the seed")
+    mode: str = parameter(
+        "", "Mode of an object with modes; empty = its own choice, or drawn from the seed"
+    )
     target_joint: str = parameter("", "Joint or link to open; empty = the object's own choice")
     object_position: tuple[float, ...] = parameter(
         (), "Origin of the object in base [m]; empty = the object's default pose", element=float

@@ -83,6 +83,7 @@ def test_modes_are_drawn_from_the_seed_and_all_of_them_come():
     drawn = {load_object("custom_door", seed=seed).mode for seed in range(30)}
     assert drawn == set(MODES) == set(object_modes("custom_door"))
     assert load_object("custom_door", seed=5).mode == load_object("custom_door", seed=5).mode
+    assert {load_object("cabinet_door", seed=seed).mode for seed in range(9)} == {"left"}
 
 
 @pytest.mark.parametrize("name", FURNITURE)

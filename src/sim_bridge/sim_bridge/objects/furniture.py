@@ -92,7 +92,7 @@ def drawer(mode: str, seed: int, sizes: DrawerSizes) -> ObjectModel:
     boxes += [((middle, s * y, floor + side_h / 2), (depth, t / 2, side_h)) for s in (1, -1)]
     urdf.link("tray", boxes, mass=sizes.mass, color=_FRONT)
     urdf.joint("slide", "prismatic", "chest", "tray", (-1, 0, 0), (0, travel))
-    return _placed(urdf, "drawer", mode, seed, yaw=0.0)
+    return _placed(urdf, "drawer", mode, seed, (0.75, -0.15, 0.0))
 
 
 def cabinet_door(mode: str, seed: int, sizes: CabinetDoorSizes) -> ObjectModel:
@@ -112,7 +112,7 @@ def cabinet_door(mode: str, seed: int, sizes: CabinetDoorSizes) -> ObjectModel:
     )
     limits = (0, np.deg2rad(sizes.range_deg))
     urdf.joint("hinge", "revolute", "cabinet", "door", (0, 0, -side), limits)
-    return _placed(urdf, "cabinet_door", mode, seed, yaw=side * np.pi / 4)
+    return _placed(urdf, "cabinet_door", mode, seed, (0.60, -0.15 * side, side * np.pi / 3))
 
 
 def lidded_box(mode: str, seed: int, sizes: LiddedBoxSizes) -> ObjectModel:
@@ -138,7 +138,7 @@ def lidded_box(mode: str, seed: int, sizes: LiddedBoxSizes) -> ObjectModel:
     limits = (0, np.deg2rad(sizes.range_deg))
     # The lid reaches from its hinge towards -x: a positive turn about +y lifts it.
     urdf.joint("hinge", "revolute", "box", "lid", (0, 1, 0), limits)
-    return _placed(urdf, "lidded_box", mode, seed, yaw=0.0)
+    return _placed(urdf, "lidded_box", mode, seed, (0.50, 0.0, 2 * np.pi / 3))
 
 
 def _open_box(width: float, depth: float, height: float, wall: float) -> Boxes:
@@ -152,6 +152,14 @@ def _open_box(width: float, depth: float, height: float, wall: float) -> Boxes:
     ]
 
 
-def _placed(urdf: BoxUrdf, name: str, mode: str, seed: int, yaw: float) -> ObjectModel:
+def _placed(
+    urdf: BoxUrdf, name: str, mode: str, seed: int, place: tuple[float, float, float]
+) -> ObjectModel:
+    """The model, standing at x, y [m] and yaw [rad].
+
+    The places were found by search with the simulated arm: the drawer beside the arm's own plane,
+    where its elbow has room; the cabinet turned so that its door swings past the arm; the lid's
+    hinge turned towards the arm, so that the tool need not reach over the lid from behind.
+    """
     model = model_from_urdf(urdf.text(), name, mode=mode, seed=seed)
-    return replace(model, default_pose=standing_at(model, 0.60, 0.0, yaw))
+    return replace(model, default_pose=standing_at(model, *place))

@@ -29,6 +29,7 @@ class _Entry:
     build: Callable[..., ObjectModel]
     sizes: Any
     modes: tuple[str, ...]
+    # Whether the seed draws the proportions, or (for an object that hides it) the mode.
     varies: bool
 
 
@@ -58,8 +59,9 @@ def load_object(
     Args:
         name_or_path: A registered name, a PartNet-Mobility folder (holding mobility.urdf, or one
             other .urdf), or a .urdf file.
-        mode: For objects with modes; drawn from `seed` if empty or None.
-        seed: Draws the mode, and the proportions of the furniture (0 = nominal ones).
+        mode: For objects with modes. If empty or None, the ambiguous door's is drawn from `seed`,
+            and the cabinet's door hangs on the left.
+        seed: Draws the door's mode, and the furniture's proportions (0 = nominal ones).
         sizes: Dimensions of a registered object that differ from its own, by name.
 
     Raises:
@@ -84,8 +86,8 @@ def _build(name: str, mode: str | None, seed: int, sizes: dict[str, float]) -> O
             f"{name} has no such mode", got=mode, allowed=list(entry.modes) or "none"
         )
     if not mode and entry.modes:
-        # An own stream: the mode must not hang together with the proportions drawn below.
-        mode = str(np.random.default_rng([seed, 1]).choice(entry.modes))
+        drawn = np.random.default_rng([seed, 1]).choice(entry.modes)
+        mode = entry.modes[0] if entry.varies else str(drawn)
     known = [item.name for item in fields(entry.sizes)] if is_dataclass(entry.sizes) else []
     unknown = [key for key in sizes if key not in known]
     bad = {k: v for k, v in sizes.items() if k in known and not (np.isfinite(v) and v > 0)}
