@@ -33,15 +33,17 @@ def finished(turn: Turn, result: MotionResult) -> None:
     """Go on after a motion; results of motions that nobody waits for are ignored."""
     if _EXPECTED.get(turn.state.phase) is not result.kind:
         return
-    turn.set(tool=result.tool_end[:3, 3].astype(float))
     said = f"{result.kind.value} ended: {result.reason.value}"
     if result.message:
         said += f" ({result.message})"
     if result.reason is MotionReason.STOPPED:
         attempts.finish(turn, Outcome.ABORTED, f"{said}; stopped from outside the policy")
-    elif result.reason is MotionReason.REJECTED:
-        attempts.finish(turn, Outcome.ERROR, said)
-    elif result.kind is MotionKind.FLOW_STEP:
+        return
+    if result.reason is MotionReason.REJECTED:
+        _refused(turn, said)
+        return
+    turn.set(tool=result.tool_end[:3, 3].astype(float), refusals=0)
+    if result.kind is MotionKind.FLOW_STEP:
         after_step(turn, result, said)
     elif result.reason in _CUT_SHORT:
         attempts.interrupted(turn, said)
@@ -51,6 +53,25 @@ def finished(turn: Turn, result: MotionResult) -> None:
         _after_probe(turn, result, said)
     else:
         _after_retreat(turn, result, said)
+
+
+def _refused(turn: Turn, said: str) -> None:
+    """Ask again in a moment: the arm may still be settling from the motion before."""
+    count = turn.state.refusals + 1
+    turn.set(refusals=count)
+    if count >= turn.params.max_refusals:
+        attempts.finish(turn, Outcome.ERROR, f"{said}; refused {count} times")
+    else:
+        turn.set(asking_again=True)
+        turn.say("wait", f"{said}; asking again")
+
+
+def ask_again(turn: Turn) -> None:
+    """Ask once more for the motion that was refused."""
+    state = turn.state
+    if state.goal is not None:
+        turn.move(state.goal, state.phase)
+        turn.say("retry", f"{state.goal.kind.value} once more")
 
 
 def _place(turn: Turn, radius: float) -> Place | None:

@@ -101,6 +101,9 @@ class WaitParams:
     prediction: float = parameter(120.0, "for a prediction [s]", minimum=0.1, maximum=3600.0)
     motion: float = parameter(120.0, "for the end of a motion [s]", minimum=0.1, maximum=3600.0)
     release: float = parameter(3.0, "for the pump to vent [s]", minimum=0.0, maximum=60.0)
+    refusal: float = parameter(
+        0.5, "before a motion that was refused is asked for again [s]", minimum=0.0, maximum=60.0
+    )
     halt: float = parameter(
         3.0, "for the arm to come to rest before a paused run goes on [s]", minimum=0.0
     )
@@ -236,6 +239,9 @@ class PolicyParams:
     )
     max_prediction_failures: int = parameter(
         3, "failed predictions in a row before the run ends", minimum=1, maximum=1000
+    )
+    max_refusals: int = parameter(
+        10, "refusals of one motion in a row before the run ends", minimum=1, maximum=1000
     )
     max_interruptions: int = parameter(
         5, "motions interrupted by missing inputs before the run ends", minimum=1, maximum=1000

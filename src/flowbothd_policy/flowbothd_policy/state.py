@@ -100,6 +100,9 @@ class PolicyState:
         after_retreat: What follows the retreat.
         ending: Outcome and reason once the run is winding up.
         lost: What is missing while paused.
+        goal: The last motion asked for.
+        refusals: How often in a row it was refused.
+        asking_again: It was refused and will be asked for again.
         halting: The arm has been told to stop and has not yet said that it did.
         tool_motion: (3,) part motion measured in the last step [m].
     """
@@ -136,6 +139,9 @@ class PolicyState:
     after_retreat: After = After.OBSERVE
     ending: tuple[Outcome, str] | None = None
     lost: tuple[str, ...] = ()
+    goal: MotionGoal | None = None
+    refusals: int = 0
+    asking_again: bool = False
     halting: bool = False
     tool_motion: Array = field(default_factory=lambda: np.zeros(3))
 
@@ -170,7 +176,7 @@ class Turn:
 
     def move(self, goal: MotionGoal, phase: Phase) -> None:
         """Ask for a motion and wait for its result in `phase`."""
-        self.set(phase=phase)
+        self.set(phase=phase, goal=goal, asking_again=False)
         self.do(Move(goal))
 
     def pump(self, vacuum: float) -> None:

@@ -61,6 +61,8 @@ def advance(
 
 def waiting(state: PolicyState, params: PolicyParams) -> tuple[str, float] | None:
     """What the state waits for, in words, and for how many seconds at most; None if nothing."""
+    if state.asking_again:
+        return "the arm to be ready for the next motion", params.wait.refusal
     if state.phase in MOVING:
         return f"the end of the motion ({state.phase.value})", params.wait.motion
     if state.phase is Phase.PAUSED and not state.lost:
@@ -159,8 +161,9 @@ def _on_inputs_lost(turn: Turn, event: InputsLost) -> None:
     if state.phase in _AT_REST:
         return
     names = ", ".join(event.names)
-    if state.phase in MOVING:
+    if state.phase in MOVING and not state.asking_again:
         turn.set(halting=True)
+    turn.set(asking_again=False)
     _stop_if_moving(turn)
     if turn.params.on_inputs_lost == "abort":
         attempts.finish(turn, Outcome.ABORTED, f"missing: {names}")
@@ -203,7 +206,9 @@ def _on_wait_expired(turn: Turn, event: WaitExpired) -> None:
     if wait is None:
         return
     late = f"waited {wait[1]:g} s for {wait[0]}"
-    if state.phase is Phase.OBSERVING:
+    if state.asking_again:
+        motions.ask_again(turn)
+    elif state.phase is Phase.OBSERVING:
         _not_seen(turn, late)
     elif state.phase is Phase.PREDICTING:
         _on_prediction_failed(turn, PredictionFailed(late))

@@ -481,13 +481,32 @@ def test_an_operator_stop_is_judged_by_the_opening(steps):
     assert told.only(Finish)[0].outcome is Outcome.OPENED
 
 
-@pytest.mark.parametrize(
-    ("reason", "outcome"),
-    [(MotionReason.STOPPED, Outcome.ABORTED), (MotionReason.REJECTED, Outcome.ERROR)],
-)
-def test_motions_stopped_or_refused_end_the_run(reason, outcome):
-    player = player_in(Phase.STEPPING).feed(moved(MotionKind.FLOW_STEP, reason, vacuum=True))
-    assert player.only(Finish)[0].outcome is outcome
+def test_a_motion_stopped_from_outside_ends_the_run():
+    player = player_in(Phase.STEPPING).feed(STOPPED_OUTSIDE)
+    assert player.only(Finish)[0].outcome is Outcome.ABORTED
+
+
+def test_a_refused_motion_is_asked_for_again():
+    """The incident: a probe was refused because the arm still moved at 0.07 rad/s."""
+    player = player_in(Phase.PROBING)
+    refused = moved(MotionKind.PROBE, MotionReason.REJECTED, fraction=0.0)
+    for _ in range(PARAMS.max_refusals - 1):
+        player.feed(refused)
+        assert player.state.phase is Phase.PROBING
+        assert waiting(player.state, PARAMS)[1] == PARAMS.wait.refusal
+        player.feed(WaitExpired())
+        assert player.only(Move)[0].goal.kind is MotionKind.PROBE
+        assert waiting(player.state, PARAMS)[1] == PARAMS.wait.motion
+    player.feed(refused)
+    assert player.only(Finish)[0].outcome is Outcome.ERROR
+    assert f"refused {PARAMS.max_refusals} times" in player.only(Finish)[0].reason
+
+
+def test_refusals_are_counted_in_a_row():
+    player = player_in(Phase.PROBING)
+    player.feed(moved(MotionKind.PROBE, MotionReason.REJECTED), WaitExpired(), PROBED)
+    assert player.state.phase is Phase.STEPPING
+    assert player.state.refusals == 0
 
 
 def test_stale_inputs_are_no_failed_attempt_but_bounded():
