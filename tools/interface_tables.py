@@ -25,8 +25,22 @@ NODES = (
     "franka_suction_driver.motion_node",
     "franka_suction_driver.suction_node",
 )
+# What has no default: a node refuses to start without it, here it gets something to start with.
+REQUIRED: dict[str, dict[str, list[float]]] = {
+    "flowbothd_perception.perception_node": {
+        "camera.position": [0.0, 0.0, 0.0],
+        "camera.quaternion": [0.0, 0.0, 0.0, 1.0],
+    }
+}
 # What every ROS node has and no reader asks about.
-COMMON = ("rosout", "parameter_events", "type_description", "transition_event", "_parameters")
+COMMON = (
+    "rosout",
+    "parameter_events",
+    "type_description",
+    "transition_event",
+    "_parameters",
+    "parameter_types",
+)
 COMMON_PARAMETERS = ("use_sim_time", "start_type_description_service", "qos_overrides")
 LIFECYCLE = ("change_state", "get_state", "get_available_", "get_transition_graph")
 
@@ -34,9 +48,11 @@ LIFECYCLE = ("change_state", "get_state", "get_available_", "get_transition_grap
 def nodes() -> Iterator[Any]:
     """Yield one instance of every node, spinning nothing."""
     import rclpy
+    from lifecycle_msgs.msg import State
     from rclpy.context import Context
     from rclpy.lifecycle import LifecycleNode
     from rclpy.node import Node
+    from rclpy.parameter import Parameter
 
     context = Context()
     rclpy.init(context=context, domain_id=100)
@@ -48,8 +64,11 @@ def nodes() -> Iterator[Any]:
                 for _, value in inspect.getmembers(module, inspect.isclass)
                 if issubclass(value, Node) and value.__module__ == name
             ]
-            node = classes[0](context=context)
-            if isinstance(node, LifecycleNode):
+            overrides = [Parameter(n, value=v) for n, v in REQUIRED.get(name, {}).items()]
+            node = classes[0](context=context, parameter_overrides=overrides)
+            if isinstance(node, LifecycleNode) and node._state_machine.current_state[0] == (
+                State.PRIMARY_STATE_UNCONFIGURED
+            ):
                 node.trigger_configure()
             yield node
             node.destroy_node()
@@ -62,24 +81,24 @@ def type_name(kind: type) -> str:
     return f"{kind.__module__.split('.')[0]}/{kind.__name__}"
 
 
+def actions(found: list[tuple[str, list[str]]]) -> list[tuple[str, str]]:
+    """(name, `package/Name`) of actions as the ROS graph tells them."""
+    return [(name, types[0].replace("/action/", "/")) for name, types in found]
+
+
 def endpoints(node: Any) -> dict[str, list[tuple[str, str]]]:
     """Topics, services and actions of a node: kind -> (name, type), names as in the code."""
-    actions = [w for w in node.waitables if hasattr(w, "_action_name")]
+    from rclpy.action import graph
+
+    # Actions of the node itself are in its graph as soon as they are made.
+    named = node, node.get_name(), node.get_namespace()
     found = {
         "publishes": [(p.topic_name, type_name(p.msg_type)) for p in node.publishers],
         "subscribes": [(s.topic_name, type_name(s.msg_type)) for s in node.subscriptions],
         "serves": [(s.srv_name, type_name(s.srv_type)) for s in node.services],
         "calls": [(c.srv_name, type_name(c.srv_type)) for c in node.clients],
-        "action server": [
-            (w._action_name, type_name(w._action_type))
-            for w in actions
-            if type(w).__name__ == "ActionServer"
-        ],
-        "action client": [
-            (w._action_name, type_name(w._action_type))
-            for w in actions
-            if type(w).__name__ == "ActionClient"
-        ],
+        "action server": actions(graph.get_action_server_names_and_types_by_node(*named)),
+        "action client": actions(graph.get_action_client_names_and_types_by_node(*named)),
     }
     # Only two topics are absolute by decision; everything else follows the node's namespace.
     absolute = ("/clock", "/diagnostics")
@@ -106,6 +125,11 @@ def table(header: Iterable[str], rows: Iterable[Iterable[str]]) -> list[str]:
     return lines + ["| " + " | ".join(row) + " |" for row in rows]
 
 
+def plain(value: object) -> str:
+    """A value as documentation shows it: no digits that nobody needs."""
+    return f"{value:.6g}" if isinstance(value, float) else f"{value}"
+
+
 def parameter_rows(node: Any) -> list[list[str]]:
     """One row a parameter: name, type, default, allowed, description."""
     type_names = {1: "bool", 2: "integer", 3: "double", 4: "string"} | {
@@ -119,11 +143,10 @@ def parameter_rows(node: Any) -> list[list[str]]:
         if name.startswith(COMMON_PARAMETERS):
             continue
         descriptor, value = node.describe_parameter(name), node._parameters[name].value
-        shown = (
-            "[" + ", ".join(f"{v}" for v in value) + "]"
-            if value is not None and not isinstance(value, str) and hasattr(value, "__len__")
-            else f"{value}"
-        )
+        is_array = value is not None and not isinstance(value, str) and hasattr(value, "__len__")
+        shown = "[" + ", ".join(map(plain, value)) + "]" if is_array else plain(value)
+        if any(name in given for given in REQUIRED.values()) and "requir" in descriptor.description:
+            shown = "required"
         live = "" if descriptor.read_only else " (live)"
         rows.append(
             [
