@@ -83,9 +83,14 @@ class CompactNetwork(FlowNetwork):
         )
         self.point_query = nn.Linear(_LOCAL, 16)
         self.token_key = nn.Linear(width, 16)
-        self.noisy = nn.Linear(12, width)
-        self.noisy_point = nn.Linear(3, _LOCAL)
-        self.copy = nn.Linear(width, 1)
+        if config.latent:
+            self.latent = nn.Sequential(
+                nn.Linear(config.latent, width), nn.SiLU(), nn.Linear(width, width)
+            )
+        else:
+            self.noisy = nn.Linear(12, width)
+            self.noisy_point = nn.Linear(3, _LOCAL)
+            self.copy = nn.Linear(width, 1)
         self.level = LevelEmbedding(width)
         self.blocks = nn.ModuleList(
             AdaptiveBlock(width, config.heads) for _ in range(config.denoiser_layers)
@@ -137,7 +142,14 @@ class CompactNetwork(FlowNetwork):
         return context["feature"].shape[1]
 
     def denoise(self, context: Context, noisy: Tensor, level: Tensor) -> Tensor:
-        """(B, N, 3) noisy flow, (B,) level -> (B, N, 3) flow."""
+        """(B, N, 3) noisy flow, or (B, latent) vector, and (B,) level -> (B, N, 3) flow."""
+        if self.config.latent:
+            condition = self.level(level) + self.latent(noisy)  # (B, D)
+            x = context["tokens"]  # (B, T, D)
+            for block in self.blocks:
+                x = block(x, condition)
+            x = self.to_points(x, condition)  # (B, T, 64)
+            return self.head(context["blend"] @ x + context["feature"])  # type: ignore[no-any-return]
         local = context["local"]  # (B, N, 3): where in its patch a point lies
         moments = torch.cat(
             (noisy, (noisy.unsqueeze(-1) * local.unsqueeze(-2)).flatten(2)), dim=-1

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields, replace
 from enum import StrEnum
 from typing import Any
 
@@ -26,6 +26,7 @@ class Schedule(StrEnum):
 
     DDPM_LINEAR = "ddpm_linear"
     STRAIGHT = "straight"
+    IMPLICIT = "implicit"
 
 
 class Frame(StrEnum):
@@ -40,7 +41,8 @@ class DiffusionConfig:
     """The noise process.
 
     Attributes:
-        schedule: `ddpm_linear` is the published one; `straight` mixes linearly.
+        schedule: `ddpm_linear` is the published one; `straight` mixes linearly; `implicit` has no
+            chain: one step maps a small random vector to a flow (implicit.py).
         target: What is predicted.
         steps: Of the published chain; the finest grid of the straight one.
         shift: Straight only: moves the levels towards noise, where the modes part.
@@ -48,6 +50,7 @@ class DiffusionConfig:
             mean noise of a patch of the object does not depend on how densely it was sampled.
             0 = the same noise for every N.
         angle_weight: Weight of 1 - cosine in the loss, fading out towards noise.
+        hypotheses: Implicit only: flows drawn per cloud, of which the nearest learns.
     """
 
     schedule: Schedule = Schedule.DDPM_LINEAR
@@ -56,6 +59,7 @@ class DiffusionConfig:
     shift: float = 1.0
     reference_points: int = 0
     angle_weight: float = 0.0
+    hypotheses: int = 1
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -79,6 +83,7 @@ class NetworkConfig:
         neighbours: Compact only: points per patch, of a cloud of 1024 points.
         history_tokens: Compact only: patches of the history.
         history: Whether there is a history encoder (off: the paper's ablation).
+        latent: Compact only: size of the random vector of the implicit model, 0 = diffusion.
         diffusion: Whether there is a noisy flow to denoise (off: regression, as FlowBot3D does).
     """
 
@@ -92,6 +97,7 @@ class NetworkConfig:
     history_tokens: int = 0
     history: bool = True
     diffusion: bool = True
+    latent: int = 0
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -127,7 +133,13 @@ class ModelConfig:
     sampling_steps: int = 100
 
     def __post_init__(self) -> None:
-        """Check the sampler."""
+        """Check the sampler, and that an implicit model has its latent."""
+        implicit = self.diffusion.schedule is Schedule.IMPLICIT
+        if implicit != (self.network.latent > 0):
+            raise ValueError(
+                "the implicit schedule and a latent of at least 1 go together, got "
+                f"{self.diffusion.schedule} and {self.network.latent}"
+            )
         if self.sampler not in ("ddpm", "ddim"):
             raise ValueError(f"sampler must be ddpm or ddim, got {self.sampler!r}")
         if not 1 <= self.sampling_steps <= self.diffusion.steps:
@@ -193,6 +205,14 @@ PRESETS: dict[str, ModelConfig] = {
     ),
     "compact": ModelConfig(
         "compact",
+        replace(_COMPACT, latent=8),
+        DiffusionConfig(Schedule.IMPLICIT, Target.FLOW, steps=1, angle_weight=0.2, hypotheses=5),
+        Frame.CENTRED,
+        "ddim",
+        1,
+    ),
+    "compact-diffusion": ModelConfig(
+        "compact-diffusion",
         _COMPACT,
         DiffusionConfig(
             Schedule.STRAIGHT,

@@ -2,18 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-
 import torch
-from torch import Tensor
+from torch import Tensor, nn
 
 from flowbothd_model.config import ModelConfig
 from flowbothd_model.data.stream import Batch
 from flowbothd_model.diffusion import Diffusion
 from flowbothd_model.frames import into_frame
-from flowbothd_model.network import HistoryBatch
-
-Forward = Callable[[Tensor, HistoryBatch | None, Tensor, Tensor], Tensor]
+from flowbothd_model.implicit import implicit_prediction, relative_error
+from flowbothd_model.network import FlowNetwork, HistoryBatch
 
 
 def step_generator(seed: int, step: int, rank: int = 0) -> torch.Generator:
@@ -21,36 +18,61 @@ def step_generator(seed: int, step: int, rank: int = 0) -> torch.Generator:
     return torch.Generator().manual_seed((seed * 1_000_003 + step) * 1009 + rank)
 
 
-def training_loss(
-    forward: Forward,
-    config: ModelConfig,
-    batch: Batch,
-    generator: torch.Generator,
-    draws: int = 1,
-) -> Tensor:
-    """Mean loss of a batch.
+class Objective(nn.Module):
+    """The loss as a module, so that several processes can share its gradients.
 
     Args:
-        forward: The network.
+        network: To be trained.
         config: Of the model.
-        batch: On the network's device.
-        generator: On the CPU, for levels and noise.
         draws: Levels and noises per cloud; the cloud is encoded once for all of them.
     """
-    diffusion = Diffusion(config.diffusion)
-    device = batch.points.device
-    points, history_points = into_frame(config.frame, batch.points, batch.history_points)
-    history = None
-    if config.network.history and history_points is not None:
-        history = HistoryBatch(history_points, batch.history_flow, batch.has_history)
-    if not config.network.diffusion:
-        level = torch.ones(len(points), device=device)
-        prediction = forward(points, history, torch.zeros_like(points), level)
-        return (prediction - batch.flow).square().sum(-1).mean()
-    flow = batch.flow.repeat_interleave(draws, 0)
-    level = diffusion.random_levels(len(flow), generator).to(device)
-    noise = torch.randn(flow.shape, generator=generator).to(device)
-    noisy = diffusion.noised(flow, noise, level)
-    # The schedule counts in steps, as published; the embedding expects that order of magnitude.
-    prediction = forward(points, history, noisy, level * config.diffusion.steps)
-    return diffusion.loss(prediction.float(), flow, noise, level)
+
+    def __init__(self, network: FlowNetwork, config: ModelConfig, draws: int = 1) -> None:
+        super().__init__()
+        self.network = network
+        self.config = config
+        self._draws = draws
+        self._diffusion = Diffusion(config.diffusion)
+
+    def forward(self, batch: Batch, generator: torch.Generator) -> Tensor:
+        """Mean loss of a batch on the network's device; `generator` is on the CPU."""
+        config = self.config
+        points, past = into_frame(config.frame, batch.points, batch.history_points)
+        history = None
+        if config.network.history and past is not None:
+            history = HistoryBatch(past, batch.history_flow, batch.has_history)
+        if config.network.latent:
+            return self._implicit(points, history, batch.flow, generator)
+        if not config.network.diffusion:
+            level = torch.ones(len(points), device=points.device)
+            prediction = self.network(points, history, torch.zeros_like(points), level)
+            loss: Tensor = (prediction - batch.flow).square().sum(-1).mean()
+            return loss
+        flow = batch.flow.repeat_interleave(self._draws, 0)
+        level = self._diffusion.random_levels(len(flow), generator).to(points.device)
+        noise = torch.randn(flow.shape, generator=generator).to(points.device)
+        noisy = self._diffusion.noised(flow, noise, level)
+        # The schedule counts in steps, as published; the embedding expects that magnitude.
+        prediction = self.network(points, history, noisy, level * config.diffusion.steps)
+        return self._diffusion.loss(prediction.float(), flow, noise, level)
+
+    def _implicit(
+        self,
+        points: Tensor,
+        history: HistoryBatch | None,
+        flow: Tensor,
+        generator: torch.Generator,
+    ) -> Tensor:
+        """The nearest of several one-step flows learns."""
+        settings = self.config.diffusion
+        prediction = implicit_prediction(
+            self.network,
+            points,
+            history,
+            flow,
+            self.config.network.latent,
+            settings.hypotheses,
+            settings.angle_weight,
+            generator,
+        )
+        return relative_error(prediction.float(), flow, settings.angle_weight).mean()

@@ -8,6 +8,7 @@ from torch import Tensor
 from flowbothd_model.config import ModelConfig
 from flowbothd_model.diffusion import Diffusion
 from flowbothd_model.frames import into_frame, max_normalised
+from flowbothd_model.implicit import LEVEL
 from flowbothd_model.network import Context, FlowNetwork, HistoryBatch
 
 SAMPLERS = {"ddpm": 1.0, "ddim": 0.0}
@@ -54,11 +55,17 @@ def sample_flows(
         level = torch.ones(samples, device=device)
         flow = network.denoise(repeated, torch.zeros(samples, count, 3, device=device), level)
         return max_normalised(flow)
+    chosen = config.sampling_steps if steps is None else steps
+    if config.network.latent:
+        if chosen != 1:
+            raise ValueError(f"a model without a chain has 1 step, got {chosen}")
+        vectors = torch.randn((samples, config.network.latent), generator=generator)
+        level = torch.full((samples,), LEVEL, device=device)
+        return max_normalised(network.denoise(repeated, vectors.to(device), level))
     diffusion = Diffusion(config.diffusion)
     noise = torch.randn((samples, count, 3), generator=generator).to(device)
 
     def denoise(noisy: Tensor, level: Tensor) -> Tensor:
         return network.denoise(repeated, noisy, level.to(noisy.dtype) * config.diffusion.steps)
 
-    chosen = steps or config.sampling_steps
     return max_normalised(diffusion.sample(denoise, noise, chosen, SAMPLERS[name], generator))

@@ -77,7 +77,7 @@ class TrainConfig:
         """The peak learning rate."""
         if self.rate:
             return self.rate
-        return 1e-3 if self.preset == "compact" else 1e-4
+        return 1e-3 if self.preset.startswith("compact") else 1e-4
 
     def rate_at(self, step: int) -> float:
         """Learning rate of one step: up, level, and down to zero at the end of the run."""

@@ -20,7 +20,7 @@ from flowbothd_model.checkpoint import read_checkpoint, save_checkpoint
 from flowbothd_model.config import PRESETS, Architecture
 from flowbothd_model.data.stream import Batch, BatchStream, Mixture
 from flowbothd_model.factory import build
-from flowbothd_model.objective import step_generator, training_loss
+from flowbothd_model.objective import Objective, step_generator
 from flowbothd_model.run_log import RunLog
 from flowbothd_model.train_config import TrainConfig
 from flowbothd_model.validation import ValidationSet
@@ -63,6 +63,8 @@ class Trainer:
         self.network = build(self.model_config.network, generator).to(self.device)
         if config.init:
             given = read_checkpoint(Path(config.init)).tensors
+            fit = set(self.network.state_dict())
+            given = {k: v for k, v in given.items() if k in fit}
             missing = self.network.load_state_dict(given, strict=False).missing_keys
             log.info("began with %s; new: %s", config.init, missing or "nothing")
         self.averaged = {k: v.detach().clone() for k, v in self.network.state_dict().items()}
@@ -72,12 +74,12 @@ class Trainer:
         self.step = 0
         self.best = float("inf")
         self._stop = False
-        self._forward: nn.Module = self.network
+        self._objective: nn.Module = Objective(self.network, self.model_config, config.draws)
         if self.processes > 1:
             # A batch of the published network may be without any history, its encoder then idle.
             idle = self.model_config.network.architecture is Architecture.PAPER
-            self._forward = nn.parallel.DistributedDataParallel(
-                self.network, find_unused_parameters=idle
+            self._objective = nn.parallel.DistributedDataParallel(
+                self._objective, find_unused_parameters=idle
             )
         if self._state_path.is_file():
             self._resume()
@@ -103,7 +105,7 @@ class Trainer:
         )
         batches: Iterator[Batch] = iter(loader)
         loss = float("nan")
-        self._forward.train()
+        self._objective.train()
         with _signals(self._ask_to_stop), self._log.progress(self.config.steps) as bar:
             started = time.monotonic()
             while self.step < self.config.steps and not self._stop:
@@ -134,12 +136,8 @@ class Trainer:
         for group in self._optimiser.param_groups:
             group["lr"] = config.rate_at(self.step)
         with torch.autocast(self.device.type, torch.bfloat16, enabled=config.precision == "bf16"):
-            loss = training_loss(
-                self._forward,
-                self.model_config,
-                batch.to(self.device),
-                step_generator(config.seed, self.step, self.rank),
-                config.draws,
+            loss = self._objective(
+                batch.to(self.device), step_generator(config.seed, self.step, self.rank)
             )
         self._optimiser.zero_grad(set_to_none=True)
         torch.autograd.backward(loss)

@@ -24,7 +24,7 @@ def test_the_published_chain_ends_in_noise():
     assert float(mix.signal[2] ** 2) == pytest.approx(2.0e-5, rel=0.05)
 
 
-@pytest.mark.parametrize("config", [LINEAR, STRAIGHT, PRESETS["compact"].diffusion])
+@pytest.mark.parametrize("config", [LINEAR, STRAIGHT, PRESETS["compact-diffusion"].diffusion])
 def test_levels_only_ever_add_noise(config):
     mix = Diffusion(config).mix(torch.linspace(0, 1, 101), 600)
     assert (mix.signal.diff() < 0).all()
@@ -88,7 +88,7 @@ def test_the_exact_denoiser_of_two_modes_finds_both_and_nothing_between(config, 
 
 
 def test_noise_on_a_patch_does_not_depend_on_the_density():
-    process = Diffusion(PRESETS["compact"].diffusion)
+    process = Diffusion(PRESETS["compact-diffusion"].diffusion)
     level = torch.tensor([0.5])
     for points in (256, 1024, 4096):
         share = points // 128

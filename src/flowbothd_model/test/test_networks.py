@@ -57,6 +57,8 @@ def test_the_published_network_has_the_published_number_of_parameters():
 def test_every_preset_predicts_a_flow_for_every_point(preset):
     network = awake(build(PRESETS[preset].network))
     points, history, noisy = clouds()
+    if PRESETS[preset].network.latent:
+        noisy = noisy[:, 0, :1].expand(-1, PRESETS[preset].network.latent)
     with torch.inference_mode():
         first = network(points, history, noisy, torch.tensor([5.0, 50.0]))
         again = network(points, history, noisy, torch.tensor([5.0, 50.0]))
@@ -69,7 +71,7 @@ def test_every_preset_predicts_a_flow_for_every_point(preset):
     assert torch.allclose(first[1], without[1], atol=1e-4)  # row 1 has no history
 
 
-@pytest.mark.parametrize("preset", ["paper", "compact"])
+@pytest.mark.parametrize("preset", ["paper", "compact-diffusion"])
 def test_samples_of_one_encoding_equal_encoding_every_time(preset):
     network = awake(build(PRESETS[preset].network))
     points, history, noisy = clouds(1)
@@ -101,11 +103,12 @@ def test_the_compact_network_does_not_depend_on_the_order_of_points():
     assert torch.allclose(plain[:, order], mixed, atol=1e-4)
 
 
-@pytest.mark.parametrize("preset", ["paper", "compact"])
+@pytest.mark.parametrize("preset", ["paper", "compact", "compact-diffusion"])
 def test_every_weight_learns(preset):
     """Every parameter gets a gradient, apart from the published variances' row."""
     network = awake(build(PRESETS[preset].network)).train()
     points, history, noisy = clouds(4)
+    noisy = noisy[:, :4, :2].flatten(1) if preset == "compact" else noisy  # its (4, 8) vectors
     network(points, history, noisy, torch.full((4,), 30.0)).square().mean().backward()
     lazy = [n for n, p in network.named_parameters() if p.grad is None or not p.grad.any()]
     assert lazy == []
@@ -117,6 +120,7 @@ def statistics(preset: str) -> dict[str, float]:
     """Forward and gradient norms of a seeded network on fixed input."""
     network = awake(build(PRESETS[preset].network, torch.Generator().manual_seed(7)))
     points, history, noisy = clouds(2)
+    noisy = noisy[:, :4, :2].flatten(1) if preset == "compact" else noisy
     output = network(points, history, noisy, torch.tensor([20.0, 80.0]))
     output.square().mean().backward()
     gradient = sum(float(p.grad.square().sum()) for p in network.parameters() if p.grad is not None)
@@ -128,7 +132,7 @@ def statistics(preset: str) -> dict[str, float]:
 
 
 @pytest.mark.golden
-@pytest.mark.parametrize("preset", ["paper", "compact"])
+@pytest.mark.parametrize("preset", ["paper", "compact", "compact-diffusion"])
 def test_forward_and_gradient_statistics_are_those_on_record(preset):
     """To renew the record after a wanted change, run this file as a script."""
     expected = json.loads(GOLDEN.read_text(encoding="utf-8"))[preset]
@@ -137,5 +141,5 @@ def test_forward_and_gradient_statistics_are_those_on_record(preset):
 
 if __name__ == "__main__":
     GOLDEN.parent.mkdir(exist_ok=True)
-    record = {preset: statistics(preset) for preset in ("paper", "compact")}
+    record = {preset: statistics(preset) for preset in ("paper", "compact", "compact-diffusion")}
     GOLDEN.write_text(json.dumps(record, indent=1) + "\n", encoding="utf-8")

@@ -16,7 +16,8 @@ from flowbothd_model.factory import build
 from flowbothd_model.predictor import Predictor, find_weights
 
 CONFIG = replace(
-    PRESETS["compact"], network=NetworkConfig(Architecture.COMPACT, 64, 2, 1, 1, 32, 8, 16)
+    PRESETS["compact-diffusion"],
+    network=NetworkConfig(Architecture.COMPACT, 64, 2, 1, 1, 32, 8, 16),
 )
 
 
@@ -68,6 +69,20 @@ def test_the_published_network_answers_the_same_for_any_order_too():
     order = np.random.default_rng(1).permutation(256)
     plain, mixed = network.sample(points, seed=1), network.sample(points[order], seed=1)
     np.testing.assert_allclose(plain[:, order], mixed, atol=1e-3)
+
+
+def test_the_implicit_model_answers_in_one_step(cloud):
+    config = PRESETS["compact"]
+    network = Predictor(build(config.network), config, "one step")
+    order = np.random.default_rng(1).permutation(400)
+    flows = network.sample(cloud, samples=4, seed=3)
+    np.testing.assert_allclose(
+        flows[:, order], network.sample(cloud[order], samples=4, seed=3), atol=1e-4
+    )
+    with pytest.raises(ValueError, match="1 step, got 8"):
+        network.sample(cloud, steps=8)
+    with pytest.raises(ValueError, match="1 step, got 0"):
+        network.sample(cloud, steps=0)
 
 
 def test_history_changes_the_answer(predictor, cloud):
@@ -157,5 +172,7 @@ def test_configurations_out_of_range_are_refused():
         NetworkConfig(Architecture.COMPACT)
     with pytest.raises(ValueError, match="sampler must be"):
         ModelConfig(sampler="magic")
+    with pytest.raises(ValueError, match="go together"):
+        replace(PRESETS["compact"], diffusion=PRESETS["compact-diffusion"].diffusion)
     with pytest.raises(ValueError, match="unknown entries"):
         ModelConfig.from_dict({**PRESETS["paper"].to_dict(), "colour": 1})

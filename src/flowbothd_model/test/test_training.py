@@ -40,7 +40,7 @@ def test_the_same_seed_gives_the_same_curve(tmp_path, steps):
     assert curve(tmp_path / "c") != curve(tmp_path / "a")[:3]
 
 
-@pytest.mark.parametrize("preset", ["compact", "paper"])
+@pytest.mark.parametrize("preset", ["compact", "compact-diffusion", "paper"])
 def test_a_killed_run_ends_in_the_state_of_one_that_was_not(tmp_path, preset):
     """Killed at step 5 with the state of step 4 on disk: steps 4 and 5 are done again."""
     whole = trainer(tmp_path / "whole", 8, preset)
