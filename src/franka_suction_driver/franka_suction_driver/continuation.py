@@ -12,6 +12,7 @@ from franka_suction_driver.collision import Box
 
 MOVING_PART = "the moving part"
 _PROBE_POSES = 4
+_BACK_OFF_POSES = 3
 _PLATE = 0.02
 _BEYOND = 0.03
 _NEAR_PLATE = 0.03
@@ -20,7 +21,7 @@ _DEFAULT_HALF_HEIGHT = 0.1
 
 @dataclass(frozen=True)
 class ToolPoses:
-    """A path of tool poses, from the standoff over the contact along the opening.
+    """A path of tool poses: from the standoff over the contact along the opening, and back off.
 
     Attributes:
         positions: (K, 3) tip positions in base [m].
@@ -43,6 +44,7 @@ def opening_poses(
     travel: float,
     arc: JointArc | None,
     *,
+    back_off: float = 0.0,
     tilt_slack: float = 0.0,
     spacing: float = 0.02,
 ) -> ToolPoses:
@@ -55,6 +57,7 @@ def opening_poses(
         standoff: Distance of the first pose from the contact [m].
         travel: Length of the opening along the path of the contact [m].
         arc: How the part moves; a straight line along `direction` if unknown.
+        back_off: Way straight back along the tool at the end [m].
         tilt_slack: How far the tool's axis may stay behind the flow's turn [rad].
         spacing: Distance between two poses along the opening [m].
     """
@@ -69,6 +72,11 @@ def opening_poses(
         positions.append(moved[:3, :3] @ contact + moved[:3, 3])
         axes.append(lagging[:3, :3] @ axis)
         part.append(moved)
+    # Whoever opens has to get away again.
+    for way in np.linspace(0.0, back_off, _BACK_OFF_POSES + 1)[1:] if back_off > 0 else ():
+        positions.append(positions[_PROBE_POSES - 1 + count] - axes[_PROBE_POSES - 1 + count] * way)
+        axes.append(axes[_PROBE_POSES - 1 + count])
+        part.append(part[_PROBE_POSES - 1 + count])
     return ToolPoses(np.array(positions), np.array(axes), np.array(part), _PROBE_POSES - 1)
 
 

@@ -92,6 +92,13 @@ def limited_step(box: PositionBox, q: Array, jacobian: Array, miss: Array) -> Ar
     return np.asarray(root * (scaled @ miss[..., None])[..., 0])
 
 
+def _free_pull(box: PositionBox, q: Array, jacobian: Array, strength: float) -> Array:
+    """(..., J) step towards the middle of the joint ranges that leaves the tool where it is."""
+    middle, half = (box.lower + box.upper) / 2, (box.upper - box.lower) / 2
+    pull = (strength * (middle - q) / half**2)[..., None]
+    return np.asarray((pull - damped_inverse(jacobian, _DAMPING) @ (jacobian @ pull))[..., 0])
+
+
 def solve(
     kinematics: Kinematics,
     box: PositionBox,
@@ -116,7 +123,6 @@ def solve(
         tolerance: Accepted error [m, and rad of tilt].
     """
     q = box.clip(np.array(seeds, dtype=float))
-    middle, half = (box.lower + box.upper) / 2, (box.upper - box.lower) / 2
     for k in range(iterations):
         state = kinematics.tip(q)
         jacobian = task_jacobian(state)
@@ -124,10 +130,9 @@ def solve(
         # The error is a column: matmul needs the trailing axis.
         error = task_error(state, position, axis)[..., None]
         step = inverse @ error
-        if centring and k < iterations // 2:
-            pull = (centring * (middle - q) / half**2)[..., None]
-            step = step + pull - inverse @ (jacobian @ pull)
         step = step[..., 0]
+        if centring and k < iterations // 2:
+            step = step + _free_pull(box, q, jacobian, centring)
         length = np.abs(step).max(axis=-1, keepdims=True)
         q = box.clip(q + step * np.minimum(1.0, _MAX_STEP / np.maximum(length, 1e-12)))
     error = task_error(kinematics.tip(q), position, axis)
@@ -144,6 +149,7 @@ def follow(
     *,
     iterations: int = 4,
     tilt_length: float = 0.1,
+    centring: float = 0.0,
 ) -> Followed:
     """Track a path of tool poses from each start by the smallest joint motion, inside the limits.
 
@@ -155,6 +161,7 @@ def follow(
         axes: (K, 3) unit directions of the tool's z axis in base.
         iterations: Newton steps per pose.
         tilt_length: Metres that one radian of tilt counts in the reported error.
+        centring: Pull towards the middle of the joint ranges within the free motions.
     """
     q = np.array(starts, dtype=float)
     count = len(positions)
@@ -165,7 +172,11 @@ def follow(
         for _ in range(iterations):
             state = kinematics.tip(q)
             miss = task_error(state, positions[k], axes[k])
-            q = box.clip(q + limited_step(box, q, task_jacobian(state), miss))
+            jacobian = task_jacobian(state)
+            step = limited_step(box, q, jacobian, miss)
+            if centring:
+                step = step + _free_pull(box, q, jacobian, centring)
+            q = box.clip(q + step)
         miss = task_error(kinematics.tip(q), positions[k], axes[k])
         path[:, k] = q
         error[:, k] = np.linalg.norm(miss * weights, axis=-1)

@@ -23,6 +23,7 @@ from franka_suction_driver.params import MotionParams
 from franka_suction_driver.path_search import find_path, shorten
 
 _GOALS = 8
+_UNFOLDING = 0.03
 _FOLLOW_TOLERANCE = 0.003
 _SPACINGS = (0.3, 0.15, 0.07)
 _ROOM_FACTORS = (4.0, 2.0, 1.0)
@@ -162,6 +163,7 @@ class Planner:
             self._params.approach.standoff,
             planning.continuation,
             arc,
+            back_off=self._params.approach.back_off,
             tilt_slack=planning.tilt_slack,
         )
         part = moving_part(contact, direction, side, arc, self.collision.points)
@@ -290,7 +292,9 @@ class Planner:
         ways = np.linspace(0.0, distance, max(2, int(np.ceil(distance / 0.01)) + 1))
         positions = tip.position - np.outer(ways, tip.axis)
         axes = np.tile(tip.axis, (len(ways), 1))
-        path = follow(self._kinematics, self._box, start[None], positions, axes)
+        path = follow(
+            self._kinematics, self._box, start[None], positions, axes, centring=_UNFOLDING
+        )
         bad = np.flatnonzero(path.error[0] > _FOLLOW_TOLERANCE)
         count = bad[0] if len(bad) else len(ways)
         return np.concatenate([start[None], path.positions[0, 1 : max(1, count)]])
