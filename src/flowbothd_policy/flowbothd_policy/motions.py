@@ -13,6 +13,7 @@ from flowbothd_policy.history import part_motion, remember
 from flowbothd_policy.state import Phase, Turn
 
 _CUT_SHORT = (MotionReason.STALE_INPUT, MotionReason.TIMEOUT)
+_STALLS = (MotionReason.STALLED, MotionReason.FORCE_LIMIT)
 _CANNOT_GO = (
     MotionReason.UNREACHABLE,
     MotionReason.COLLISION,
@@ -152,9 +153,11 @@ def account(turn: Turn, result: MotionResult) -> tuple[Array, bool]:
         memory = remember(memory, motion, seen, params)
         turn.updated = memory.updated
         screw = state.choice.grasp.screw
+        start = result.tool_start[:3, 3].astype(float)
         if moved:
-            start = result.tool_start[:3, 3].astype(float)
             travel = travel.extended(start, motion, screw, state.pull)
+        elif result.reason in _STALLS:
+            travel = travel.tried(start, state.pull)
     turn.set(step=state.step + 1, memory=memory, travel=travel, tool_motion=motion)
     if moved:
         turn.set(refuted=(), avoided=(), unreachable=0, reach=float("inf"))
@@ -171,9 +174,9 @@ def after_step(turn: Turn, result: MotionResult, said: str) -> None:
     lost = result.reason is MotionReason.SUCTION_LOST or not result.vacuum
     said += f"; the part moved {100 * float(np.linalg.norm(motion)):.1f} cm"
     late = max(opening.share, _turned(turn, result)) >= turn.params.opening.stall_fraction
-    ended_early = result.reason in (MotionReason.STALLED, MotionReason.FORCE_LIMIT)
     cannot_follow = not moved and result.reason in _CANNOT_GO
-    if late and (ended_early or not moved) and not cannot_follow:
+    no_use = result.reason is MotionReason.REACHED and not moved
+    if late and (no_use or result.reason in _STALLS):
         turn.set(stalls=turn.state.stalls + 1)
     if opening.share >= 1:
         attempts.end(turn, Outcome.OPENED, f"{said}; {_in_words(turn)}, the target")

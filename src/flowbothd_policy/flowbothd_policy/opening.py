@@ -12,7 +12,7 @@ from flowbothd_policy.params import OpeningParams
 from flowbothd_policy.screw import Screw
 
 _HINT_ERROR = 0.1
-_FALLEN_BACK = np.radians(15.0)
+_MOVED_MEANWHILE = np.radians(15.0)
 
 
 @dataclass(frozen=True)
@@ -39,6 +39,11 @@ class Travel:
     def begun(self) -> Travel:
         """Travel in which the next step begins a new segment."""
         return Travel((*self.segments, Segment(()))) if self.segments else Travel((Segment(()),))
+
+    def tried(self, start: Array, pull: Array) -> Travel:
+        """Travel whose present grasp was pulled without moving the part."""
+        *before, last = self.segments or (Segment(()),)
+        return self if last.points else Travel((*before, Segment((start,), None, pull)))
 
     def extended(
         self, start: Array, motion: Array, screw: Screw | None, pull: Array | None = None
@@ -129,20 +134,24 @@ def judge_opening(travel: Travel, params: OpeningParams) -> Opening:
     The path itself decides between line and arc as soon as it bends by more than three times its
     noise; until then the rigid motion fitted to the prediction does, unless the straightness of
     the path contradicts it. The angle is summed over the steps' chords, so it needs the radius
-    alone and adds up over several grasps, unless the part fell back in between.
+    alone and adds up over several grasps, unless the pull tells that the part moved in between.
     """
-    segments = [segment for segment in travel.segments if len(segment.points) > 1]
-    kinds = [_judge(segment, params) for segment in segments]
-    known = [radius for radius, sure in kinds if sure] or [radius for radius, _ in kinds]
-    is_arc = bool(known) and np.isfinite(known[-1])
-    if not is_arc:
+    moved = [k for k, segment in enumerate(travel.segments) if len(segment.points) > 1]
+    if not moved:
+        return Opening(ArcKind.LINE, 0.0, 0.0, float("inf"))
+    first = travel.segments[moved[0]]
+    radii = {k: _judge(travel.segments[k], params) for k in moved}
+    known = [radius for radius, sure in radii.values() if sure]
+    known = known or [radius for radius, _ in radii.values()]
+    if not np.isfinite(known[-1]):
         amount = travel.length
         share = amount / params.target_distance if params.target_distance > 0 else np.inf
         return Opening(ArcKind.LINE, amount, float(share), float("inf"))
     amount, present = 0.0, float(known[-1])
-    for segment, (radius, _) in zip(segments, kinds, strict=True):
+    for k, segment in enumerate(travel.segments[moved[0] :], moved[0]):
+        radius = radii[k][0] if k in radii else float("inf")
         present = radius if np.isfinite(radius) else present
-        amount = _opening_at_contact(segments[0], segment, amount)
+        amount = _opening_at_contact(first, segment, amount)
         ratios = np.minimum(_chords(segment) / (2 * max(present, 1e-3)), 1.0)
         amount += float(np.sum(2 * np.arcsin(ratios)))
     share = amount / params.target_angle if params.target_angle > 0 else np.inf
@@ -167,13 +176,14 @@ def _chords(segment: Segment) -> Array:
 def _opening_at_contact(first: Segment, segment: Segment, so_far: float) -> float:
     """Angle at which a hinged part was when a grasp began.
 
-    The pull turns with the part. Where it has turned back since the first pull of the run, the
-    part fell back when it was let go, as lids do, and what was opened before no longer counts.
+    The pull turns with the part, so it tells where the part has gone since the first pull that
+    moved it: a lid falls back when it is let go, a door swings on. Differences as small as the
+    predictions' own error are ignored in favour of what was measured.
     """
     if segment is first or first.pull is None or segment.pull is None:
         return so_far
     turned = angle_between(first.pull, segment.pull)
-    return turned if turned < so_far - _FALLEN_BACK else so_far
+    return turned if abs(turned - so_far) > _MOVED_MEANWHILE else so_far
 
 
 def _judge(segment: Segment, params: OpeningParams) -> tuple[float, bool]:

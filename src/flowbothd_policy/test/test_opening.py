@@ -99,10 +99,24 @@ def pulled(points, travel, screw):
     return travel
 
 
-@pytest.mark.parametrize(("resumed_at", "total"), [(40, 60), (0, 20), (35, 60)])
-def test_a_lid_that_fell_shut_is_not_half_open(resumed_at, total):
-    """The incident: a lid let go at 42 degrees shut itself, and the next 28 counted as 70."""
+@pytest.mark.parametrize(("resumed_at", "total"), [(40, 60), (0, 20), (35, 60), (65, 85)])
+def test_what_the_part_did_while_it_was_not_held_counts(resumed_at, total):
+    """A lid and a door moved while they were let go.
+
+    The lid shut itself from 42 degrees, and the next 28 counted as 70; the door swung open from
+    35 degrees, and was thought to be half open to the end.
+    """
     first = arc_points(0.2, np.radians([0, 15, 30, 40]))
     again = arc_points(0.2, np.radians([resumed_at, resumed_at + 10, resumed_at + 20]))
     travel = pulled(again, pulled(first, Travel(), hinge(0.2)), hinge(0.2))
     assert np.degrees(judge_opening(travel, PARAMS).amount) == pytest.approx(total, abs=1)
+
+
+def test_a_pull_at_the_end_of_the_joint_tells_how_far_it_is():
+    travel = pulled(arc_points(0.2, np.radians([0, 15, 30])), Travel(), hinge(0.2))
+    tangent = np.array([-np.sin(np.radians(68)), np.cos(np.radians(68)), 0])
+    swung_on = travel.begun().tried(arc_points(0.2, [np.radians(68)])[0], tangent)
+    assert judge_opening(swung_on, PARAMS).share > 1
+    assert judge_opening(travel.begun(), PARAMS).share < 0.5
+    wrong_first = Travel().begun().tried(np.zeros(3), np.array([1.0, 0, 0]))
+    assert judge_opening(wrong_first, PARAMS).share == 0

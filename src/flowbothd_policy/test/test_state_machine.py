@@ -614,3 +614,14 @@ def test_after_half_a_step_whole_steps_are_made_again():
     player = player_in(Phase.STEPPING)
     player.feed(moved(MotionKind.FLOW_STEP, MotionReason.JOINT_LIMIT, fraction=0.0), STEPPED).see()
     assert player.only(Move)[0].goal.distance == PARAMS.step_distance
+
+
+def test_a_late_interruption_is_no_stall():
+    """The incident: a step cut short by a busy machine was taken for the end of the joint."""
+    player = player_in(Phase.STEPPING)
+    for _ in range(3):
+        player.feed(STEPPED).see()
+    assert player.feed(STALLED).state.stalls == 1
+    player.see().feed(moved(MotionKind.FLOW_STEP, MotionReason.STALE_INPUT, vacuum=True))
+    assert player.state.stalls == 1
+    assert player.state.ending is None
