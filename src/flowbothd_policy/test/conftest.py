@@ -179,6 +179,7 @@ class Run:
     decisions: list[Decision]
     finish: Finish
     goals: list[MotionGoal]
+    events: list[tuple[object, float]]
 
     def count(self, decision):
         return sum(d.decision == decision for d in self.decisions)
@@ -188,10 +189,11 @@ def run_policy(door: Door, params: PolicyParams, oracle: OracleParams) -> Run:
     """Drive the policy to its end; raises if it does not end within 2000 events."""
     predictor = OraclePredictor(door.truth, oracle)
     state, now, queue = PolicyState(), 0.0, [Start()]
-    decisions, goals = [], []
+    decisions, goals, events = [], [], []
     for _ in range(2000):
         event = queue.pop(0)
         now += 0.1
+        events.append((event, now))
         state, commands = advance(state, event, now, params)
         for command in commands:
             if isinstance(command, Decision):
@@ -217,7 +219,7 @@ def run_policy(door: Door, params: PolicyParams, oracle: OracleParams) -> Run:
             elif isinstance(command, StopMotion):
                 pytest.fail("nothing stops the arm in this world")
             elif isinstance(command, Finish):
-                return Run(state, decisions, command, goals)
+                return Run(state, decisions, command, goals, events)
     raise AssertionError(f"the policy did not end; last: {decisions[-5:]}")
 
 

@@ -5,8 +5,11 @@ import pytest
 
 from flowbothd_common.motion import MotionKind
 from flowbothd_common.types import Outcome
+from flowbothd_policy.commands import Decision
 from flowbothd_policy.oracle import OracleParams
 from flowbothd_policy.params import GraspParams, OpeningParams, PolicyParams
+from flowbothd_policy.state import PolicyState
+from flowbothd_policy.state_machine import advance
 
 MODES = ("pull_left", "pull_right", "push_left", "push_right")
 AMBIGUOUS = OracleParams("ambiguous")
@@ -54,6 +57,25 @@ def test_same_seed_same_decisions(make_door, drive):
         np.testing.assert_array_equal(a.flow, b.flow)
     other = drive(make_door("push_right", seed=3), PolicyParams(seed=10), AMBIGUOUS)
     assert [d.reason for d in other.decisions] != [d.reason for d in runs[0].decisions]
+
+
+def test_recorded_events_give_the_same_decisions_again(make_door, drive):
+    """What a bag holds is enough: no clock, no randomness, no world behind the replay."""
+    params = PolicyParams(seed=4)
+    run = drive(make_door("pull_right", seed=4), params, AMBIGUOUS)
+    state, again = PolicyState(), []
+    for event, now in run.events:
+        state, commands = advance(state, event, now, params)
+        again += [command for command in commands if isinstance(command, Decision)]
+    assert len(again) == len(run.decisions)
+    for a, b in zip(again, run.decisions, strict=True):
+        assert (a.decision, a.reason, a.time, a.outcome) == (
+            b.decision,
+            b.reason,
+            b.time,
+            b.outcome,
+        )
+        np.testing.assert_array_equal(a.grasp_point, b.grasp_point)
 
 
 @pytest.mark.parametrize("allowed", [0, 2])
