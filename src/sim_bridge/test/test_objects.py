@@ -173,7 +173,7 @@ def test_another_target_joint_is_chosen_by_joint_or_link(raw_object):
             ["no such mode", "got slide", "pull_left"],
         ),
         ({"name_or_path": "drawer", "mode": "left"}, ["no such mode", "none"]),
-        ({"name_or_path": "drawer", "hight": 0.3}, ["got ['hight']", "height"]),
+        ({"name_or_path": "drawer", "tallness": 0.3}, ["got ['tallness']", "height"]),
         ({"name_or_path": "drawer", "height": -1.0}, ["{'height': -1.0}", "> 0"]),
         ({"name_or_path": "custom_door", "leaf_width": 0.3}, ["does not fit", "0.3", "narrower"]),
     ],
