@@ -77,7 +77,7 @@ def imported(path: Path) -> set[tuple[str, str]]:
 def violations(package: str, name: str, imports: set[tuple[str, str]]) -> list[str]:
     """Imports of the module `name` (package/file) that the rules forbid."""
     is_ros_glue = name.startswith("flowbothd_common/ros/")
-    is_node = name.endswith("_node.py")
+    is_node = name.endswith(("_node.py", "_ros.py"))
     allowed = ALLOWED[package] | EXCEPTIONS.get(name, set()) | {package, "flowbothd_common"}
     if is_node or is_ros_glue:
         allowed |= ROS
@@ -86,7 +86,7 @@ def violations(package: str, name: str, imports: set[tuple[str, str]]) -> list[s
     ]
     if not (is_node or is_ros_glue or package == "flowbothd_bringup"):
         wrong += [full for _, full in imports if full.startswith("flowbothd_common.ros")]
-        wrong += [full for _, full in imports if full.endswith("_node")]
+        wrong += [full for _, full in imports if full.endswith(("_node", "_ros"))]
     return sorted(wrong)
 
 
