@@ -189,7 +189,7 @@ def after_step(turn: Turn, result: MotionResult, said: str) -> None:
         reason = f"{said}; {turn.state.step} steps are used up after {_in_words(turn)}"
         attempts.end(turn, Outcome.NOT_OPENED, reason)
     elif lost:
-        attempts.fail(turn, f"{said}; the part came off", refuted=_refuted(turn, result, moved))
+        _came_off(turn, result, f"{said}; the part came off", moved)
     elif cannot_follow:
         # The arm is at its end, not the part: from another configuration it may go on.
         attempts.fail(turn, said)
@@ -210,6 +210,21 @@ def _turned(turn: Turn, result: MotionResult) -> float:
         return 0.0
     angle = angle_between(first, result.tool_end[:3, 2])
     return min(angle, np.pi - angle) / turn.params.opening.target_angle
+
+
+def _came_off(turn: Turn, result: MotionResult, said: str, moved: bool) -> None:
+    """A cup that came off says little of the direction: it may have peeled from a moving part.
+
+    The place is kept off; only a second loss in the same direction counts against that direction.
+    A part that holds still stops the arm by its force limit well before the cup gives way.
+    """
+    refuted = _refuted(turn, result, moved)
+    avoid = None
+    if refuted is not None:
+        avoid = Place(refuted.point, refuted.direction, turn.params.grasp.avoid_radius)
+        if not any(_alike(avoid, other, turn.params.failed_angle) for other in turn.state.avoided):
+            refuted = None
+    attempts.fail(turn, said, refuted=refuted, avoid=avoid)
 
 
 def _blocked(turn: Turn, said: str) -> None:

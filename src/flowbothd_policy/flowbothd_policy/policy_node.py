@@ -105,7 +105,9 @@ class PolicyNode(Node):
     def _carry_out(self, command: Command) -> None:
         if isinstance(command, Decision):
             self._events.publish(to_event_message(command, self._params.base_frame))
-            self.get_logger().info(f"{command.state}: {command.decision}: {command.reason}")
+            log = self.get_logger()
+            tell = log.debug if command.decision == "resample" else log.info
+            tell(f"{command.state}: {command.decision}: {command.reason}")
         elif isinstance(command, Predict):
             self._actuators.predict(command)
         elif isinstance(command, Move):

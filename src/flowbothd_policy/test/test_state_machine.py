@@ -625,3 +625,18 @@ def test_a_late_interruption_is_no_stall():
     player.see().feed(moved(MotionKind.FLOW_STEP, MotionReason.STALE_INPUT, vacuum=True))
     assert player.state.stalls == 1
     assert player.state.ending is None
+
+
+def test_one_lost_cup_does_not_refute_a_direction():
+    """The incident: the cup peeled off the right pull, which was then never tried again."""
+    player = player_in(Phase.STEPPING)
+    lost = moved(MotionKind.FLOW_STEP, MotionReason.SUCTION_LOST, by=(-0.005, 0, 0))
+    params = replace(PARAMS, compliance=0.015)
+    player.params = params
+    for count in (0, 1):
+        player.feed(lost)
+        assert len(player.state.refuted) == count
+        assert len(player.state.avoided) == count + 1
+        player.feed(SuctionChanged(SuctionPhase.OFF), moved(MotionKind.RETREAT)).grasp()
+        if count == 0:
+            assert player.state.phase is Phase.STEPPING
