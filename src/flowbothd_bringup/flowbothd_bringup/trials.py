@@ -164,8 +164,8 @@ def table(records: Sequence[dict[str, Any]]) -> str:
         rows.setdefault((entry["suite"], entry["object"], entry["method"], part), []).append(entry)
     lines = [
         "| object | mode or joint | method | opened | mean open ratio | mean steps | mean grasps "
-        "| peak force [N] | not opened because |",
-        "|---|---|---|---|---|---|---|---|---|",
+        "| peak force [N] | arm touched [N] | not opened because |",
+        "|---|---|---|---|---|---|---|---|---|---|",
     ]
     totals: dict[tuple[str, ...], list[int]] = {}
     for (suite, name, method, part), entries in rows.items():
@@ -179,11 +179,18 @@ def table(records: Sequence[dict[str, Any]]) -> str:
             f"| {_mean(entries, 'open_ratio'):.2f} | {_mean(entries, 'steps'):.1f} "
             f"| {_mean(entries, 'grasps'):.1f} "
             f"| {max(float(e.get('peak_force', 0.0)) for e in entries):.0f} "
+            f"| {_touched(entries)} "
             f"| {'; '.join(failures)[:160]} |"
         )
     lines += ["", "| object | method | opened |", "|---|---|---|"]
     lines += [f"| {n} | {m} | **{a} of {b}** |" for (_, n, m), (a, b) in totals.items()]
     return "\n".join(lines)
+
+
+def _touched(entries: Sequence[dict[str, Any]]) -> str:
+    """Runs in which anything but the cup touched object or table, and the largest force."""
+    worst = [max(e["contacts"].values()) for e in entries if e.get("contacts")]
+    return f"{len(worst)} runs, up to {max(worst):.0f}" if worst else "never"
 
 
 def _mean(entries: Sequence[dict[str, Any]], key: str) -> float:
