@@ -166,7 +166,8 @@ def account(turn: Turn, result: MotionResult) -> tuple[Array, bool]:
 
 def after_step(turn: Turn, result: MotionResult, said: str) -> None:
     """Judge a flow step: opened, go on, or a failed attempt."""
-    if result.reason in _CANNOT_GO and result.reached_fraction <= 1e-6:
+    stayed = float(np.linalg.norm(result.tool_motion)) < turn.params.epsilon_m
+    if result.reason in _CANNOT_GO and stayed:
         _blocked(turn, said)
         return
     motion, moved = account(turn, result)

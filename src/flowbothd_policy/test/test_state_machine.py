@@ -375,7 +375,9 @@ def test_an_arm_at_its_end_is_no_stall_of_the_part():
     player = player_in(Phase.STEPPING)
     for _ in range(3):
         player.feed(STEPPED).see()
-    player.feed(moved(MotionKind.FLOW_STEP, MotionReason.JOINT_LIMIT, vacuum=True))
+    at_its_end = moved(MotionKind.FLOW_STEP, MotionReason.JOINT_LIMIT, vacuum=True, fraction=0.2)
+    # The whole step, its half, its quarter.
+    player.feed(at_its_end, at_its_end, at_its_end)
     assert player.state.stalls == 0
     assert player.state.phase is Phase.RELEASING
     assert player.state.refuted == ()
