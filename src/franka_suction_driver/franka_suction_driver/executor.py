@@ -34,7 +34,8 @@ from franka_suction_driver.params import MotionParams
 from franka_suction_driver.planner import PlannedMotion, Planner
 from franka_suction_driver.probe import Probe
 from franka_suction_driver.recorder import Recorder
-from franka_suction_driver.tool_motion import Bounds, ToolFollower
+from franka_suction_driver.tool_follower import ToolFollower
+from franka_suction_driver.tool_motion import Bounds
 from franka_suction_driver.trajectory import JointState
 
 _log = logging.getLogger(__name__)

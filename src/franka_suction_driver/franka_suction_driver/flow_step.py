@@ -11,11 +11,8 @@ from flowbothd_common.types import Array
 from franka_suction_driver.kinematics import Kinematics
 from franka_suction_driver.motion_step import Ending, ForceFilter, Step
 from franka_suction_driver.params import FlowStepParams
-from franka_suction_driver.tool_motion import (
-    Reference,
-    Rollout,
-    ToolFollower,
-)
+from franka_suction_driver.tool_follower import Rollout, ToolFollower
+from franka_suction_driver.tool_motion import Reference
 from franka_suction_driver.trajectory import JointState
 
 _REPLACE_PERIOD = 0.05

@@ -7,7 +7,8 @@ import numpy as np
 from flowbothd_common.motion import MotionReason, RobotObservation
 from franka_suction_driver.motion_step import Ending, ForceFilter, Step
 from franka_suction_driver.params import ProbeParams
-from franka_suction_driver.tool_motion import Bounds, Reference, Rollout, ToolFollower
+from franka_suction_driver.tool_follower import Rollout, ToolFollower
+from franka_suction_driver.tool_motion import Bounds, Reference
 from franka_suction_driver.trajectory import JointState
 
 
