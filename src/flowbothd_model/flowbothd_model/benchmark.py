@@ -12,6 +12,7 @@ import json
 import statistics
 import time
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -22,9 +23,8 @@ from flowbothd_common.types import Cloud, History
 from flowbothd_model.config import PRESETS
 from flowbothd_model.data.procedural.panels import DoorMode, four_mode_door
 from flowbothd_model.data.sampling import SampleConfig, Situation, draw_sample
-from flowbothd_model.dit import AdaptiveBlock
+from flowbothd_model.dit import PlainBlock
 from flowbothd_model.factory import build
-from flowbothd_model.pointnet2 import PointMlp
 from flowbothd_model.predictor import Predictor, load
 
 FORWARDS_PER_PUBLISHED_SAMPLE = 107
@@ -36,34 +36,37 @@ class Yardstick(nn.Module):
 
     def __init__(self) -> None:
         super().__init__()
-        self._edges = nn.ModuleList([PointMlp((6, 64, 64, 128)), PointMlp((131, 128, 128, 256))])
-        self._dense = nn.ModuleList(
-            PointMlp(sizes)
-            for sizes in (
-                (259, 256, 512, 1024),
-                (1280, 256, 256),
-                (384, 256, 128),
-                (131, 128, 128, 128, 128, 128, 128),
-            )
-        )
-        self._blocks = nn.ModuleList(AdaptiveBlock(128, 4) for _ in range(5))
+        sizes: list[tuple[int, ...]] = [(6, 64, 64, 128), (131, 128, 128, 256)]
+        sizes += [(259, 256, 512, 1024), (1280, 256, 256), (384, 256, 128)]
+        sizes += [(131, 128, 128, 128), (128, 128, 128, 128)]
+        self._mlps = nn.ModuleList(_published_mlp(widths) for widths in sizes)
+        self._blocks = nn.ModuleList(PlainBlock(128, 4) for _ in range(5))
         generator = torch.Generator().manual_seed(0)
-        rows = ((240 * 64, 6), (60 * 64, 131), (60, 259), (60, 1280), (240, 384), (POINTS, 131))
-        self._inputs = [torch.randn(shape, generator=generator) for shape in rows]
-        self._condition = torch.zeros(1, 128)
+        rows = (240 * 64, 60 * 64, 60, 60, 240, POINTS, POINTS)
+        self._inputs = [
+            torch.randn((count, widths[0]), generator=generator)
+            for count, widths in zip(rows, sizes, strict=True)
+        ]
 
     def forward(self) -> torch.Tensor:
         """(1, 1200, 128)."""
-        for mlp, rows in zip(self._edges, self._inputs, strict=False):
-            features = mlp(rows)
-            features.view(-1, 64, features.shape[-1]).amax(1)
         x = torch.empty(0)
-        for mlp, rows in zip(self._dense, self._inputs[2:], strict=True):
+        for number, (mlp, rows) in enumerate(zip(self._mlps, self._inputs, strict=True)):
             x = mlp(rows)
+            if number < 2:
+                x = x.view(-1, 64, x.shape[-1]).amax(1)
         x = x[None]
         for block in self._blocks:
-            x = block(x, self._condition)
+            x = block(x)
         return x
+
+
+def _published_mlp(widths: Sequence[int]) -> nn.Sequential:
+    """Linear, LeakyReLU, batch norm, as the published code runs them."""
+    layers: list[nn.Module] = []
+    for before, after in pairwise(widths):
+        layers += [nn.Linear(before, after), nn.LeakyReLU(), nn.BatchNorm1d(after)]
+    return nn.Sequential(*layers)
 
 
 def example_cloud(points: int = POINTS) -> tuple[Cloud, History]:

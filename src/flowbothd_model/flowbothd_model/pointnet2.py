@@ -46,12 +46,26 @@ class PointMlp(nn.Module):
         """(..., C_in) -> (..., C_out); statistics over all leading dimensions."""
         shape = x.shape[:-1]
         x = x.reshape(-1, x.shape[-1])
+        if not self.training and not torch.is_grad_enabled():
+            return self._folded(x).view(*shape, -1)
         for layer, norm in zip(self.layers[:-1], self.norms, strict=True):
             x = norm(fn.leaky_relu(layer(x), 0.01))
         x = self.layers[-1](x)
         if self.rectify:
             x = fn.relu(x)
         return x.view(*shape, -1)
+
+    def _folded(self, x: Tensor) -> Tensor:
+        """The same for fixed statistics: each norm is affine, so the next layer can do its work."""
+        layers = [cast(nn.Linear, layer) for layer in self.layers]
+        norms = [cast(nn.BatchNorm1d, norm) for norm in self.norms]
+        x = layers[0](x)
+        for norm, layer in zip(norms, layers[1:], strict=True):
+            scale = norm.weight * (cast(Tensor, norm.running_var) + norm.eps).rsqrt()
+            shift = norm.bias - cast(Tensor, norm.running_mean) * scale
+            bias = layer.bias + layer.weight @ shift
+            x = fn.linear(fn.leaky_relu_(x, 0.01), layer.weight * scale, bias)
+        return fn.relu_(x) if self.rectify else x
 
 
 @dataclass(frozen=True)

@@ -9,6 +9,7 @@ import torch
 from flowbothd_model.config import PRESETS, Architecture, NetworkConfig
 from flowbothd_model.factory import build
 from flowbothd_model.network import FlowNetwork, HistoryBatch
+from flowbothd_model.pointnet2 import PointMlp
 
 GOLDEN = Path(__file__).parent / "golden" / "networks.json"
 SMALL = NetworkConfig(Architecture.COMPACT, 64, 2, 1, 1, 32, 8, 16)
@@ -81,6 +82,22 @@ def test_samples_of_one_encoding_equal_encoding_every_time(preset):
         shared = network.denoise(network.encode(points, history).repeated(3), three, level)
         single = [network(points, history, three[k : k + 1], level[k : k + 1]) for k in range(3)]
     assert torch.allclose(shared, torch.cat(single), atol=1e-4)
+
+
+@pytest.mark.parametrize("rectify", [False, True])
+def test_norms_folded_into_the_next_layer_change_nothing(rectify):
+    mlp = PointMlp((4, 8, 16, 5), rectify)
+    generator = torch.Generator().manual_seed(0)
+    for _ in range(5):
+        mlp(torch.randn(200, 4, generator=generator) * 3 + 1)  # moves the running statistics
+    for norm in mlp.norms:
+        norm.weight.data = torch.rand(norm.weight.shape, generator=generator) + 0.5
+        norm.bias.data = torch.randn(norm.bias.shape, generator=generator)
+    mlp.eval()
+    x = torch.randn(3, 7, 4, generator=generator)
+    with torch.no_grad():
+        folded = mlp(x)
+    assert torch.allclose(mlp(x), folded, atol=1e-5)
 
 
 @pytest.mark.parametrize("points", [256, 777, 2500])
