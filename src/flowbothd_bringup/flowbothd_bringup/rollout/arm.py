@@ -10,7 +10,7 @@ from flowbothd_bringup.record import RunRecord, StateSample
 from flowbothd_bringup.rollout.driver import PolicyDriver
 from flowbothd_bringup.scenes import Scene
 from flowbothd_common.errors import MotionRejectedError
-from flowbothd_common.motion import MotionGoal, MotionReason, MotionResult
+from flowbothd_common.motion import MotionGoal, MotionKind, MotionReason, MotionResult
 from flowbothd_common.parameters import build
 from flowbothd_common.types import Cloud, SuctionPhase
 from flowbothd_perception.params import PipelineParams
@@ -79,7 +79,11 @@ class ArmPolicyWorld:
         return [*self._suction_events(), *events]
 
     def observe(self) -> CloudArrived:
-        """Take a picture and turn it into the object cloud; the cloud also becomes the obstacle."""
+        """Take a picture and turn it into the object cloud."""
+        return CloudArrived(self._look(), self.time)
+
+    def _look(self) -> Cloud:
+        """The object cloud now, which also becomes the obstacle."""
         image = self._camera.render(self._world.part_poses())
         valid = image.depth > 0
         points = self._camera.intrinsics.directions()[valid] * image.depth[valid][:, None]
@@ -88,12 +92,14 @@ class ArmPolicyWorld:
         result = self._perception.process(
             points, self._camera.T_base_camera, positions, seed=(self._seed, self._looks)
         )
-        eye = self._camera.T_base_camera[:3, 3]
-        self._executor.set_obstacles(result.points, eye)
-        return CloudArrived(result.points, self.time)
+        self._executor.set_obstacles(result.points, self._camera.T_base_camera[:3, 3])
+        return result.points
 
     def move(self, goal: MotionGoal) -> list[Event]:
         """Begin a motion; planning takes no simulated time."""
+        if goal.kind in (MotionKind.APPROACH, MotionKind.RETREAT):
+            # As in the nodes, where clouds keep coming: the part has moved since the last look.
+            self._look()
         try:
             self._executor.start(goal, self._world.observation())
         except MotionRejectedError as error:
