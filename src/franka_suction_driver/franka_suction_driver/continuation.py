@@ -44,6 +44,7 @@ def opening_poses(
     travel: float,
     arc: JointArc | None,
     *,
+    tilt: Array | None = None,
     back_off: float = 0.0,
     tilt_slack: float = 0.0,
     spacing: float = 0.02,
@@ -57,12 +58,14 @@ def opening_poses(
         standoff: Distance of the first pose from the contact [m].
         travel: Length of the opening along the path of the contact [m].
         arc: How the part moves; a straight line along `direction` if unknown.
+        tilt: (3, 3) turn of the tool's axis away from the flow's; none if omitted.
         back_off: Way straight back along the tool at the end [m].
         tilt_slack: How far the tool's axis may stay behind the flow's turn [rad].
         spacing: Distance between two poses along the opening [m].
     """
-    axis = -side * direction
-    positions = [contact - axis * d for d in np.linspace(standoff, 0.0, _PROBE_POSES)]
+    straight = -side * direction
+    axis = straight if tilt is None else tilt @ straight
+    positions = [contact - straight * d for d in np.linspace(standoff, 0.0, _PROBE_POSES)]
     axes = [axis] * _PROBE_POSES
     part = [np.eye(4)] * _PROBE_POSES
     count = max(1, int(np.ceil(travel / spacing))) if travel > 0 else 0

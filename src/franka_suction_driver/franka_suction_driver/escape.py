@@ -7,7 +7,6 @@ to.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -18,25 +17,43 @@ TOOL_LINKS = ("suction_stem", "suction_cup")
 """Parts of the tool that come within the margin of what the cup touches."""
 
 
-@dataclass(frozen=True)
-class Excuses:
-    """What may touch while a contact is left.
+_CLOSE = 0.002
 
-    Attributes:
-        touches: Pairs that touch at the start, and the tool's tip with what it has touched.
+
+class Leaving:
+    """Judges a path out of a contact, configuration by configuration.
+
+    Within the margins only what touches at the start may go on touching, and the tool's tip
+    what it has touched. Closer than two millimetres not even the tip may come back once it has
+    gone: it would drag the part along.
+
+    Args:
+        checker: Robot and scene.
+        start: (J,) where the path begins.
     """
 
-    touches: frozenset[Touch]
-
-    @staticmethod
-    def at(checker: CollisionChecker, q: Array) -> Excuses:
-        """Excuse what touches at joint positions (J,)."""
+    def __init__(self, checker: CollisionChecker, start: Array) -> None:
         tool = {Touch(link, thing) for link in TOOL_LINKS for thing in (CLOUD, HIDDEN)}
-        return Excuses(frozenset(checker.touches(q) | tool))
+        self._checker = checker
+        self._excused = checker.touches(start) | tool
+        self._close = self._closely(start)
 
-    def cover(self, checker: CollisionChecker, q: Array) -> bool:
-        """Whether nothing touches at joint positions (J,) but what is excused."""
-        return checker.touches(q) <= self.touches
+    def allows(self, q: Array) -> bool:
+        """Whether the path may go on to joint positions (J,); to be asked in order."""
+        if not self._checker.touches(q) <= self._excused:
+            return False
+        close = self._closely(q)
+        if not close <= self._close:
+            return False
+        self._close = close
+        return True
+
+    def _closely(self, q: Array) -> frozenset[Touch]:
+        usual = self._checker.scene_margin
+        self._checker.set_scene_margin(min(_CLOSE, usual))
+        touches = self._checker.touches(q)
+        self._checker.set_scene_margin(usual)
+        return frozenset(touch for touch in touches if touch.second != HIDDEN)
 
 
 def escape(
@@ -49,30 +66,32 @@ def escape(
         back: (K, J) straight back along the tool, from where the arm stands.
         beyond: Configurations to go on towards where backing off alone does not come free.
     """
-    excuses = Excuses.at(checker, back[0])
-    allowed = [excuses.cover(checker, q) for q in back]
-    if not all(allowed):
-        back = back[: max(1, allowed.index(False))]
+    leaving = Leaving(checker, back[0])
+    count = 1
+    while count < len(back) and leaving.allows(back[count]):
+        count += 1
+    back = back[:count]
     free = [k for k, q in enumerate(back) if checker.free(q)]
     if free:
         return back[: free[-1] + 1], back[free[-1]]
     for goal in beyond:
+        leaving = Leaving(checker, back[-1])
         for part in np.linspace(0.02, 0.6, 30):
             q = back[-1] + (goal - back[-1]) * part
             if checker.free(q):
                 return np.vstack([back, q]), q
-            if not excuses.cover(checker, q):
+            if not leaving.allows(q):
                 break
     return back, None
 
 
 def leaves_and_stays_free(checker: CollisionChecker, path: Array) -> bool:
-    """Whether a (K, J) path only touches, at its beginning, what is excused there."""
-    excuses = Excuses.at(checker, path[0])
-    leaving = True
+    """Whether a (K, J) path only touches, at its beginning, what may be touched there."""
+    leaving = Leaving(checker, path[0])
+    gone = False
     for q in path:
         if checker.free(q):
-            leaving = False
-        elif not leaving or not excuses.cover(checker, q):
+            gone = True
+        elif gone or not leaving.allows(q):
             return False
     return True

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from flowbothd_common.motion import JointTrajectory, MotionReason
+from flowbothd_common.transforms import rotation_about, unit
 from flowbothd_common.types import Array, JointArc
 from franka_suction_driver.collision import Box, CollisionChecker, Margins
 from franka_suction_driver.continuation import ToolPoses, moving_part, opening_poses
@@ -156,20 +157,30 @@ class Planner:
         rng: np.random.Generator,
     ) -> PlannedMotion:
         planning = self._params.planning
-        poses = opening_poses(
-            contact,
-            direction,
-            side,
-            self._params.approach.standoff,
-            planning.continuation,
-            arc,
-            back_off=self._params.approach.back_off,
-            tilt_slack=planning.tilt_slack,
-        )
         part = moving_part(contact, direction, side, arc, self.collision.points)
         self.collision.set_boxes([] if part is None else [part])
-        branches = self._branches(start, poses, part, rng)
+        branches: _Branches | None = None
+        for tilt in _tilts(direction, planning.tilt_slack):
+            poses = opening_poses(
+                contact,
+                direction,
+                side,
+                self._params.approach.standoff,
+                planning.continuation,
+                arc,
+                tilt=tilt,
+                back_off=self._params.approach.back_off,
+                tilt_slack=planning.tilt_slack,
+            )
+            found = self._branches(start, poses, part, rng)
+            # What kept the straight tool away is the better explanation.
+            if branches is None or len(found.standoffs):
+                branches = found
+            if len(found.standoffs):
+                break
         self.collision.set_boxes([])
+        if branches is None:
+            raise RuntimeError("no tilt was tried")
         if not len(branches.standoffs):
             return PlannedMotion(branches.reason, branches.message, side=side)
         if side < 0 and branches.reach < planning.least_push:
@@ -182,11 +193,11 @@ class Planner:
                 f"the arm already touches: {touch}; retreat first, or check the object cloud",
                 side=side,
             )
-        found = self._connect(start, branches.standoffs, rng)
-        if found is None:
+        joined = self._connect(start, branches.standoffs, rng)
+        if joined is None:
             return PlannedMotion(MotionReason.UNREACHABLE, self._no_path("the standoff"), side=side)
         note = "" if branches.reach >= 1 else f"only {branches.reach:.0%} of the opening reachable"
-        return PlannedMotion(MotionReason.REACHED, note, self._timed(found[0]), side)
+        return PlannedMotion(MotionReason.REACHED, note, self._timed(joined[0]), side)
 
     def _branches(
         self, start: Array, poses: ToolPoses, part: Box | None, rng: np.random.Generator
@@ -314,3 +325,14 @@ class Planner:
             f"no collision-free path to {goal} in {self._params.planning.max_iterations} steps; "
             "clear the space around the object or raise planning.max_iterations"
         )
+
+
+def _tilts(direction: Array, slack: float) -> list[Array]:
+    """(3, 3) turns of the tool to try: none, then by `slack` [rad] to four sides."""
+    tilts = [np.eye(3)]
+    if slack > 0:
+        side = np.eye(3)[int(np.argmin(np.abs(direction)))]
+        first = unit(np.cross(direction, side))
+        for axis in (first, np.cross(direction, first)):
+            tilts += [rotation_about(axis, slack), rotation_about(axis, -slack)]
+    return tilts
