@@ -206,7 +206,7 @@ PRESETS: dict[str, ModelConfig] = {
     "compact": ModelConfig(
         "compact",
         replace(_COMPACT, latent=8),
-        DiffusionConfig(Schedule.IMPLICIT, Target.FLOW, steps=1, angle_weight=0.2, hypotheses=5),
+        DiffusionConfig(Schedule.IMPLICIT, Target.FLOW, steps=1, hypotheses=4),
         Frame.CENTRED,
         "ddim",
         1,
@@ -220,7 +220,6 @@ PRESETS: dict[str, ModelConfig] = {
             steps=100,
             shift=5.0,
             reference_points=1024,
-            angle_weight=0.1,
         ),
         Frame.CENTRED,
         "ddim",

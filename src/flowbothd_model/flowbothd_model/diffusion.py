@@ -21,6 +21,9 @@ from torch import Tensor
 
 from flowbothd_model.config import DiffusionConfig, Schedule, Target
 
+_SHORT = 0.1
+"""Length below which the angle no longer counts in full; its gradient would have no bound."""
+
 _SMALL = 0.03
 """Mean squared flow of a cloud below which its weight in the loss no longer grows."""
 
@@ -93,7 +96,7 @@ class Diffusion:
         loss = ((prediction - flow).square().sum(-1).mean(1) / size).mean()
         if self.config.angle_weight:
             moving = flow.norm(dim=-1) > 1e-3
-            cosine = torch.nn.functional.cosine_similarity(prediction, flow, dim=-1, eps=1e-3)
+            cosine = torch.nn.functional.cosine_similarity(prediction, flow, dim=-1, eps=_SHORT)
             share = self.mix(level, flow.shape[1]).signal[:, None] * moving
             loss = loss + self.config.angle_weight * (
                 share * (1 - cosine)

@@ -16,6 +16,7 @@ from flowbothd_model.network import FlowNetwork, HistoryBatch
 
 _ANY = 0.1
 _ANY_WITH_HISTORY = 0.7
+_SHORT = 0.1  # below this length the angle counts less: its gradient would have no bound
 LEVEL = 100.0
 """The level that stands for "nothing is known of the flow yet"."""
 
@@ -25,7 +26,7 @@ def relative_error(prediction: Tensor, flow: Tensor, angle_weight: float) -> Ten
     size = flow.square().sum(-1).mean(1) + 0.03
     error = (prediction - flow).square().sum(-1).mean(1) / size
     moving = (flow.norm(dim=-1) > 1e-3).to(flow.dtype)
-    cosine = torch.nn.functional.cosine_similarity(prediction, flow, dim=-1, eps=1e-3)
+    cosine = torch.nn.functional.cosine_similarity(prediction, flow, dim=-1, eps=_SHORT)
     angle = (moving * (1 - cosine)).sum(1) / moving.sum(1).clamp(min=1)
     total: Tensor = error + angle_weight * angle
     return total
