@@ -15,6 +15,8 @@ from flowbothd_bringup.graph import (
     write_parameters,
 )
 from flowbothd_bringup.processes import NodeProcess, run_graph
+from flowbothd_bringup.record import load_record
+from flowbothd_bringup.report import write_report
 from flowbothd_bringup.scenes import scene_for
 from flowbothd_bringup.up import add_run_arguments
 
@@ -39,6 +41,8 @@ def run(arguments: argparse.Namespace) -> int:
     arguments.out.mkdir(parents=True, exist_ok=True)
     options = RunOptions(arguments.seed, arguments.mode, arguments.predictor)
     check_object(scene, options)
+    for old in ("summary.json", "record.json"):
+        (arguments.out / old).unlink(missing_ok=True)
     file = arguments.out / "parameters.yaml"
     write_parameters(file, sim_parameters(scene, options))
     operator = NodeProcess(
@@ -56,6 +60,11 @@ def run(arguments: argparse.Namespace) -> int:
     domain = own_domain() if arguments.domain is None else arguments.domain
     code = run_graph([*sim_processes(file, required=True), operator], node_environment(domain))
     summary = arguments.out / "summary.json"
+    if code in (0, 1) and summary.exists():
+        # Only now: drawing would take the processor away from nodes that work in real time.
+        record = load_record(arguments.out)
+        if record.states:
+            write_report(record, scene, arguments.out)
     if code == 0:
         sys.stdout.write(f"\nopened; see {arguments.out / 'report.html'}\n")
     elif code == 1 and summary.exists():

@@ -20,8 +20,7 @@ from std_srvs.srv import Trigger
 
 from flowbothd_bringup.collector import Collector
 from flowbothd_bringup.graph import NODES
-from flowbothd_bringup.record import RunRecord, write_json
-from flowbothd_bringup.scenes import scene_for
+from flowbothd_bringup.record import RunRecord, save_record, write_json
 from flowbothd_common.errors import FlowBotError
 from flowbothd_common.ros.liveness import PeerWatch
 from flowbothd_common.ros.node_main import watch_guardian
@@ -140,10 +139,7 @@ def main() -> int:
             node.get_logger().error(str(error))
             record.decisions.append({"outcome": "error", "reason": str(error), "decision": "abort"})
         write_json(arguments.out / "summary.json", record.summary())
-        if record.states:
-            from flowbothd_bringup.report import write_report
-
-            write_report(record, scene_for(arguments.object), arguments.out)
+        save_record(record, arguments.out)
     except (KeyboardInterrupt, ExternalShutdownException):
         code = 130
     finally:

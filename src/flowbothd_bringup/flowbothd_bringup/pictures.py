@@ -86,10 +86,20 @@ def _state_at(record: RunRecord, time: float) -> StateSample:
     return earlier[-1] if earlier else record.states[0]
 
 
-def _picture(world: ArmWorld, state: StateSample, view: View) -> NDArray[np.uint8]:
+def _picture(
+    world: ArmWorld, state: StateSample, view: View, supersampling: int = 2
+) -> NDArray[np.uint8]:
     world.set_object_positions(state.joints)
     world.set_arm_positions(state.arm)
-    return render_rgb(world.parts(), world.part_poses(), view.eye, view.target, view.size, FOV_DEG)
+    return render_rgb(
+        world.parts(),
+        world.part_poses(),
+        view.eye,
+        view.target,
+        view.size,
+        FOV_DEG,
+        supersampling=supersampling,
+    )
 
 
 def draw_strip(
@@ -144,12 +154,12 @@ def _draw_flow(axis: Axes, moment: Moment, view: View) -> None:
 
 
 def write_animation(
-    record: RunRecord, world: ArmWorld, view: View, path: Path, frames: int = 48
+    record: RunRecord, world: ArmWorld, view: View, path: Path, frames: int = 40
 ) -> None:
     """Write an animated GIF of the whole run, evenly spaced in simulated time."""
     times = np.linspace(record.states[0].time, record.states[-1].time, frames)
     pictures = [
-        Image.fromarray(_picture(world, _state_at(record, float(time)), view)) for time in times
+        Image.fromarray(_picture(world, _state_at(record, float(time)), view, 1)) for time in times
     ]
     _save_gif(pictures, path)
 

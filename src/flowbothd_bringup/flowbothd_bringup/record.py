@@ -78,7 +78,16 @@ class RunRecord:
 
     @property
     def open_ratio(self) -> float:
-        """Of the target joint at the end; 0 if nothing was recorded."""
+        """Of the target joint when the policy declared the run over; 0 if nothing was recorded.
+
+        What gravity or the departing arm do to the part afterwards is `open_ratio_left`.
+        """
+        declared = [d["time"] for d in self.decisions if d["decision"] == "end"]
+        return self.open_ratio_at(declared[0]) if declared else self.open_ratio_left
+
+    @property
+    def open_ratio_left(self) -> float:
+        """Of the target joint when the arm has gone; 0 if nothing was recorded."""
         return self.states[-1].open_ratio if self.states else 0.0
 
     def open_ratio_at(self, time: float) -> float:
@@ -94,6 +103,7 @@ class RunRecord:
         return {
             "success": bool(self.open_ratio > 0.9),
             "open_ratio": round(self.open_ratio, 4),
+            "open_ratio_left": round(self.open_ratio_left, 4),
             "outcome": self.outcome or "not_opened",
             "reason": last.get("reason", ""),
             "steps": int(last.get("step", 0)),
@@ -120,6 +130,36 @@ def as_plain(value: Any) -> Any:
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
     return value.value if isinstance(value, Enum) else value
+
+
+def save_record(record: RunRecord, folder: Path) -> None:
+    """Write the record as record.json and predictions.npz."""
+    plain = {key: value for key, value in vars(record).items() if key != "predictions"}
+    write_json(folder / "record.json", {"summary": record.summary(), **plain})
+    arrays = {
+        f"{name}_{i}": np.asarray(getattr(prediction, name))
+        for i, prediction in enumerate(record.predictions)
+        for name in ("stamp", "points", "flows")
+    }
+    np.savez_compressed(folder / "predictions.npz", **arrays)  # type: ignore[arg-type]
+
+
+def load_record(folder: Path) -> RunRecord:
+    """Read back what `save_record` wrote."""
+    plain = json.loads((folder / "record.json").read_text())
+    plain.pop("summary")
+    states = [
+        StateSample(s["time"], np.array(s["arm"]), s["joints"], s["open_ratio"])
+        for s in plain.pop("states")
+    ]
+    with np.load(folder / "predictions.npz") as arrays:
+        predictions = [
+            PredictionSample(
+                float(arrays[f"stamp_{i}"]), arrays[f"points_{i}"], arrays[f"flows_{i}"]
+            )
+            for i in range(len(arrays.files) // 3)
+        ]
+    return RunRecord(**plain, states=states, predictions=predictions)
 
 
 def write_json(path: Path, value: Any) -> None:

@@ -6,7 +6,7 @@ import html
 from pathlib import Path
 
 from flowbothd_bringup.pictures import View, draw_strip, write_animation
-from flowbothd_bringup.record import RunRecord, write_json
+from flowbothd_bringup.record import RunRecord
 from flowbothd_bringup.scenes import Scene
 from flowbothd_bringup.signals import plot_signals
 from franka_suction_driver.description import compose_urdf
@@ -79,7 +79,7 @@ def _page(record: RunRecord) -> str:
 
 
 def write_report(record: RunRecord, scene: Scene, folder: Path, *, animation: bool = True) -> None:
-    """Write report.html, its pictures and record.json into `folder`."""
+    """Write report.html and its pictures into `folder`."""
     folder.mkdir(parents=True, exist_ok=True)
     plot_signals(record, folder / "signals.png")
     model = load_object(scene.object, mode=record.mode or None, seed=record.seed)
@@ -88,8 +88,4 @@ def write_report(record: RunRecord, scene: Scene, folder: Path, *, animation: bo
         draw_strip(record, world, view, folder / "rollout.png")
         if animation:
             write_animation(record, world, view, folder / "rollout.gif")
-    write_json(
-        folder / "record.json",
-        {"summary": record.summary(), "decisions": record.decisions, "motions": record.motions},
-    )
     (folder / "report.html").write_text(_page(record))

@@ -163,9 +163,9 @@ def table(records: Sequence[dict[str, Any]]) -> str:
         part = entry["mode"] or entry["target"]
         rows.setdefault((entry["suite"], entry["object"], entry["method"], part), []).append(entry)
     lines = [
-        "| object | mode or joint | method | opened | mean open ratio | mean steps | mean grasps "
+        "| object | mode or joint | method | opened | left open | mean open ratio | steps | grasps "
         "| peak force [N] | arm touched [N] | not opened because |",
-        "|---|---|---|---|---|---|---|---|---|---|",
+        "|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     totals: dict[tuple[str, ...], list[int]] = {}
     for (suite, name, method, part), entries in rows.items():
@@ -176,6 +176,7 @@ def table(records: Sequence[dict[str, Any]]) -> str:
         failures = sorted({f"{e['outcome']}: {e['reason']}" for e in entries if not e["success"]})
         lines.append(
             f"| {name} | {part} | {method} | {opened} of {len(entries)} "
+            f"| {sum(e.get('open_ratio_left', 0.0) > OPEN for e in entries)} "
             f"| {_mean(entries, 'open_ratio'):.2f} | {_mean(entries, 'steps'):.1f} "
             f"| {_mean(entries, 'grasps'):.1f} "
             f"| {max(float(e.get('peak_force', 0.0)) for e in entries):.0f} "
@@ -185,6 +186,10 @@ def table(records: Sequence[dict[str, Any]]) -> str:
     lines += ["", "| object | method | opened |", "|---|---|---|"]
     lines += [f"| {n} | {m} | **{a} of {b}** |" for (_, n, m), (a, b) in totals.items()]
     return "\n".join(lines)
+
+
+OPEN = 0.9
+"""Open ratio above which a part counts as open."""
 
 
 def _touched(entries: Sequence[dict[str, Any]]) -> str:

@@ -4,7 +4,14 @@ import json
 
 import numpy as np
 
-from flowbothd_bringup.record import RunRecord, StateSample, write_json
+from flowbothd_bringup.record import (
+    PredictionSample,
+    RunRecord,
+    StateSample,
+    load_record,
+    save_record,
+    write_json,
+)
 from flowbothd_bringup.signals import plot_signals, step_signals
 
 
@@ -69,6 +76,29 @@ def test_signals_belong_to_the_step_in_which_they_happened(tmp_path):
     assert [s.open_ratio for s in signals] == [0.25, 0.5, 0.75]
     plot_signals(a_record(), tmp_path / "signals.png")
     assert (tmp_path / "signals.png").stat().st_size > 5000
+
+
+def test_success_is_judged_when_the_policy_is_done_and_what_is_left_is_told_too():
+    """A lid falls shut once it is let go; that it was open is no less true."""
+    record = a_record()
+    record.decisions[-1] = decision(4.0, 3, decision="end")
+    record.decisions.append(decision(9.0, 3, decision="finish", outcome="opened"))
+    record.states.append(StateSample(9.0, np.zeros(7), {}, 0.1))
+    summary = record.summary()
+    assert summary["success"] is True and summary["open_ratio"] == 1.0
+    assert summary["open_ratio_left"] == 0.1
+
+
+def test_a_record_survives_saving(tmp_path):
+    record = a_record()
+    rng = np.random.default_rng(0)
+    points = rng.normal(size=(5, 3)).astype(np.float32)
+    record.predictions = [PredictionSample(1.5, points, points[None])]
+    save_record(record, tmp_path)
+    again = load_record(tmp_path)
+    assert again.summary() == record.summary()
+    np.testing.assert_array_equal(again.predictions[0].flows, record.predictions[0].flows)
+    assert again.states[2].open_ratio == record.states[2].open_ratio
 
 
 def test_json_is_written_whole_or_not_at_all(tmp_path):

@@ -23,6 +23,8 @@ FLOATING_POLICY = PolicyParams(
     step_distance=0.4 * 100 / 240,
     # The ball is held rigidly, and the evaluation ends the run, not the tool's path.
     compliance=0.0,
+    # Less is jitter of a ball that pulls at a part which cannot follow.
+    consistency_min_motion=0.005,
     opening=OpeningParams(target_angle=100.0, target_distance=1000.0, limit_last_step=False),
 )
 """The policy as the paper's evaluation runs it: 30 steps, ended when the joint is open."""
