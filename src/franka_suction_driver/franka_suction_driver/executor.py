@@ -24,7 +24,7 @@ from flowbothd_common.types import Array, as_cloud
 from franka_suction_driver.commander import Commander
 from franka_suction_driver.description import compose_urdf
 from franka_suction_driver.flow_step import FlowStep
-from franka_suction_driver.goals import checked_goal, led_axis, tool_line, travel_direction
+from franka_suction_driver.goals import checked_goal, led_axes, tool_line, travel_direction
 from franka_suction_driver.hidden import hidden_points
 from franka_suction_driver.joint_motion import JointMotion
 from franka_suction_driver.kinematics import Kinematics
@@ -41,6 +41,7 @@ from franka_suction_driver.trajectory import JointState
 _log = logging.getLogger(__name__)
 _AT_REST = 0.05
 _SAME_PLACE = 0.02
+_ENOUGH = 0.9
 
 
 @dataclass(frozen=True)
@@ -173,9 +174,10 @@ class MotionExecutor:
         kind = prepared.goal.kind
         self._recorder = Recorder(kind, self.robot, observation)
         self._running = None
-        self._settle_commanded(observation)
+        known = self._settle_commanded(observation)
         speed = float(np.abs(observation.velocities).max())
-        if speed > _AT_REST:
+        # An arm that trembles where it was told to stand may go on; one that travels may not.
+        if speed > _AT_REST and not known:
             message = f"the arm still moves ({speed:.2f} rad/s); wait until it rests"
             self._stop_request = Ending(MotionReason.REJECTED, message)
             return
@@ -262,16 +264,22 @@ class MotionExecutor:
         )
         return MotionUpdate(trajectory, fraction, result)
 
-    def _settle_commanded(self, observation: RobotObservation) -> None:
-        """Believe the last command where the arm is near it, the measurement otherwise."""
+    def _settle_commanded(self, observation: RobotObservation) -> bool:
+        """Believe the last command where the arm is near it, the measurement otherwise.
+
+        Returns:
+            Whether the arm is where it was told to rest.
+        """
         measured = np.array(observation.positions, dtype=float)
         if self._commanded_once:
-            commanded = self._commander.state(observation.time).position
-            if np.abs(commanded - measured).max() < _SAME_PLACE:
-                self._commander.reset(commanded)
-                return
+            commanded = self._commander.state(observation.time)
+            near = np.abs(commanded.position - measured).max() < _SAME_PLACE
+            if near and not commanded.velocity.any():
+                self._commander.reset(commanded.position)
+                return True
         self._commanded_once = True
         self._commander.reset(measured)
+        return False
 
     def _create(self, prepared: Prepared, seen: RobotObservation) -> RunningMotion | Ending:
         goal = prepared.goal
@@ -323,9 +331,13 @@ class MotionExecutor:
         distance = goal.distance or params.distance
         start = self._commander.state(seen.time)
         tip = self.robot.tip(start.position)
-        axis = led_axis(tip.axis, direction, params.lead, params.max_lead)
-        line = tool_line(tip, direction, distance, axis, distance * params.realign_part)
-        reference, rollout = self._follower.plan(line, Bounds(params.speed), start)
+        plans = []
+        for axis in led_axes(tip.axis, direction, params.lead, params.max_lead):
+            line = tool_line(tip, direction, distance, axis, distance * params.realign_part)
+            plans.append(self._follower.plan(line, Bounds(params.speed), start))
+            if plans[-1][1].travel > _ENOUGH * distance:
+                break
+        reference, rollout = max(plans, key=lambda plan: plan[1].travel)
         if rollout.trajectory is None:
             problem = rollout.problem or "singularity"
             message = f"the arm cannot follow the flow: {rollout.detail}"

@@ -67,6 +67,21 @@ def travel_direction(axis: Array, direction: Array) -> Array:
     )
 
 
+def led_axes(axis: Array, direction: Array, lead: float, max_lead: float) -> list[Array]:
+    """Tool axes (3,) to try for the end of a flow step, the best first.
+
+    The arm may be able to turn less than it should: after the turn ahead of the flow come the
+    flow itself and half the way to it.
+    """
+    led = led_axis(axis, direction, lead, max_lead)
+    aligned = led_axis(axis, direction, 0.0, 0.0)
+    angle = angle_between(axis, aligned)
+    if angle < 1e-6:
+        return [led]
+    half = rotation_about(np.cross(axis, aligned), angle / 2) @ axis
+    return [led, aligned, np.asarray(half)]
+
+
 def led_axis(axis: Array, direction: Array, lead: float, max_lead: float) -> Array:
     """(3,) tool axis at the end of a flow step.
 

@@ -279,6 +279,17 @@ def test_a_moving_arm_is_not_started(
     assert "still moves (0.20 rad/s)" in result.message
 
 
+def test_an_arm_that_trembles_where_it_was_told_to_rest_may_go_on(
+    executor: MotionExecutor, make_arm: Callable, facing: np.ndarray
+) -> None:
+    """The incident: a part that came off let the joints tremble; the next step was refused."""
+    arm = make_arm(facing)
+    arm.vacuum = lambda tip: True
+    assert arm.run(executor, step(-FORWARD)).reason is MotionReason.REACHED
+    arm.state = type(arm.state)(arm.state.position, np.full(7, 0.3), np.zeros(7))
+    assert arm.run(executor, step(-FORWARD)).reason is MotionReason.REACHED
+
+
 def test_approach_probe_step_retreat_in_a_row(
     executor: MotionExecutor, make_arm: Callable, limits: JointLimits
 ) -> None:
