@@ -8,7 +8,7 @@ import pytest
 from flowbothd_common.errors import MotionRejectedError
 from flowbothd_common.motion import MotionGoal, MotionKind
 from flowbothd_common.transforms import angle_between, rotation_about
-from franka_suction_driver.goals import checked_goal, led_axis, travel_direction
+from franka_suction_driver.goals import checked_goal, led_axes, led_axis, travel_direction
 
 X, Y = np.eye(3)[0], np.eye(3)[1]
 
@@ -54,3 +54,10 @@ def test_the_tool_keeps_its_side_and_turns_ahead_of_the_flow() -> None:
         assert angle_between(led, -side * flow) == pytest.approx(0.15)
         assert angle_between(led_axis(axis, flow, 0.5, 0.1), -side * flow) == pytest.approx(0.1)
     np.testing.assert_allclose(led_axis(-X, X, 0.5, 0.2), -X)
+
+
+def test_lesser_turns_follow_for_an_arm_that_cannot_turn_as_far() -> None:
+    flow = rotation_about(Y, 0.4) @ X
+    axes = led_axes(-X, flow, 0.5, 0.2)
+    np.testing.assert_allclose([angle_between(-X, axis) for axis in axes], [0.6, 0.4, 0.2])
+    assert len(led_axes(-X, X, 0.5, 0.2)) == 1

@@ -126,6 +126,27 @@ def test_the_opposite_side_is_taken_where_the_flow_side_is_closed(
     assert angle_between(tip.axis, BACK) < 1e-3
 
 
+def test_a_tilted_tool_reaches_where_the_straight_one_cannot(
+    make_planner: Callable[..., Planner], robot: Kinematics
+) -> None:
+    """The incident: a door opened to sixty degrees could not be grasped again."""
+    contact, direction = np.array([0.365, -0.043, 0.22]), np.array([0.96, -0.28, 0.0])
+    direction /= np.linalg.norm(direction)
+    tilts = []
+    for slack in (0.0, 0.26):
+        planner = make_planner(tilt_slack=slack, continuation=0.0, push_from_front=False)
+        planner.collision.set_points(None)
+        planned = approach(planner, direction, contact)
+        if planned.trajectory is None:
+            tilts.append(None)
+            continue
+        tip = robot.tip(planned.trajectory.positions[-1])
+        np.testing.assert_allclose(tip.position, contact + 0.1 * direction, atol=1e-3)
+        tilts.append(angle_between(tip.axis, -direction))
+    assert tilts[0] is None
+    assert tilts[1] == pytest.approx(0.26, abs=1e-3)
+
+
 def test_opening_poses_follow_the_arc_and_the_flow_tells_its_sense() -> None:
     contact, direction = np.array([0.5, 0.0, 0.3]), np.array([-1.0, 0, 0])
     for axis in (np.array([0, 0, 1.0]), np.array([0, 0, -1.0])):
