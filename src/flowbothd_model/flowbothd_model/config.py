@@ -206,7 +206,7 @@ PRESETS: dict[str, ModelConfig] = {
     "compact": ModelConfig(
         "compact",
         replace(_COMPACT, latent=8),
-        DiffusionConfig(Schedule.IMPLICIT, Target.FLOW, steps=1, hypotheses=4),
+        DiffusionConfig(Schedule.IMPLICIT, Target.FLOW, steps=1, hypotheses=8),
         Frame.CENTRED,
         "ddim",
         1,

@@ -14,7 +14,7 @@ from torch import Tensor
 
 from flowbothd_model.network import FlowNetwork, HistoryBatch
 
-_ANY = 0.1
+_ANY = 0.05
 _ANY_WITH_HISTORY = 0.7
 _SHORT = 0.1  # below this length the angle counts less: its gradient would have no bound
 LEVEL = 100.0
@@ -30,6 +30,22 @@ def relative_error(prediction: Tensor, flow: Tensor, angle_weight: float) -> Ten
     angle = (moving * (1 - cosine)).sum(1) / moving.sum(1).clamp(min=1)
     total: Tensor = error + angle_weight * angle
     return total
+
+
+def spread_vectors(batch: int, hypotheses: int, latent: int, generator: torch.Generator) -> Tensor:
+    """(batch, hypotheses, latent) normal vectors whose signs differ within a cloud.
+
+    Every one is standard normal on its own. The first three signs run through their eight
+    combinations in random order, so that an answer that lives in one octant is seldom missed;
+    every miss teaches some other vector a wrong answer, and makes all of them timid.
+    """
+    vectors = torch.randn((batch, hypotheses, latent), generator=generator)
+    order = torch.rand((batch, -(-hypotheses // 8), 8), generator=generator).argsort(-1)
+    octant = order.flatten(1)[:, :hypotheses]  # (batch, hypotheses)
+    for bit in range(min(3, latent)):
+        sign = 1.0 - 2.0 * ((octant >> bit) & 1)
+        vectors[..., bit] = vectors[..., bit].abs() * sign
+    return vectors
 
 
 def implicit_prediction(
@@ -55,7 +71,7 @@ def implicit_prediction(
         generator: Of the vectors, on the CPU.
     """
     batch = len(points)
-    vectors = torch.randn((batch, hypotheses, latent), generator=generator).to(points.device)
+    vectors = spread_vectors(batch, hypotheses, latent, generator).to(points.device)
     lucky = torch.rand((batch,), generator=generator).to(points.device)
     context = network.encode(points, history)
     level = torch.full((batch * hypotheses,), LEVEL, device=points.device)

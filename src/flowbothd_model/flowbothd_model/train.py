@@ -20,6 +20,7 @@ import torch
 from torch import distributed
 
 from flowbothd_model.config import PRESETS
+from flowbothd_model.data.procedural.catalogue import MAKERS
 from flowbothd_model.data.sampling import SampleConfig
 from flowbothd_model.data.splits import split_folders
 from flowbothd_model.data.stream import Mixture, ObjectSource, PartNetSource, ProceduralSource
@@ -34,6 +35,7 @@ _HELP = {
     "out": "folder of the run",
     "preset": f"one of {', '.join(PRESETS)}",
     "data": "procedural, or a folder of PartNet-Mobility objects to mix in",
+    "categories": "procedural categories, separated by commas; empty = all",
     "steps": "optimiser steps of the whole run",
     "batch": "clouds per step and process",
     "draws": "noise levels per cloud",
@@ -62,7 +64,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def mixtures(config: TrainConfig) -> tuple[Mixture, Mixture]:
     """What to train and to validate on."""
     shown = SampleConfig(points=config.points, robot_share=config.robot_share)
-    train: list[tuple[ObjectSource, float]] = [(ProceduralSource(CATEGORY_WEIGHTS), 1.0)]
+    weights = CATEGORY_WEIGHTS
+    if config.categories:
+        wanted = config.categories.split(",")
+        unknown = sorted(set(wanted) - set(MAKERS))
+        if unknown:
+            raise ValueError(f"no such categories: {unknown}; there are {sorted(MAKERS)}")
+        weights = {name: float(name in wanted) for name in MAKERS}
+    train: list[tuple[ObjectSource, float]] = [(ProceduralSource(weights), 1.0)]
     held: list[tuple[ObjectSource, float]] = [(ProceduralSource(held_out=True), 1.0)]
     if config.data != "procedural":
         kept, held_out = split_folders(Path(config.data))

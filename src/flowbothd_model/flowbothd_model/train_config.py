@@ -18,6 +18,7 @@ class TrainConfig:
         preset: Which model.
         data: `procedural`, or a PartNet-Mobility folder (mixed with procedural objects).
         partnet_share: Share of PartNet objects where there are any.
+        categories: Procedural categories to train on, separated by commas; empty = all 21.
         steps: Optimiser steps of the whole run.
         batch: Clouds per step and process.
         draws: Noise levels per cloud.
@@ -43,6 +44,7 @@ class TrainConfig:
     preset: str = "compact"
     data: str = "procedural"
     partnet_share: float = 0.5
+    categories: str = ""
     steps: int = 20_000
     batch: int = 32
     draws: int = 2
