@@ -25,7 +25,7 @@ check: setup ## format, lint, types, spelling, and the tests that need no ROS
 	$(BIN)/ruff check src tests tools conftest.py
 	$(BIN)/mypy $(addprefix src/,$(foreach p,flowbothd_common flowbothd_model flowbothd_perception flowbothd_policy franka_suction_driver sim_bridge flowbothd_bringup,$(p)/$(p)))
 	$(BIN)/codespell src tests tools docs README.md ARCHITECTURE.md CONTRIBUTING.md CHANGELOG.md
-	$(PYTEST) -q -m "not ros and not e2e and not slow"
+	$(PYTEST) -q -m "not ros and not e2e and not long and not slow"
 
 format: setup ## format the code and sort its imports
 	$(BIN)/ruff format src tests tools conftest.py

@@ -138,6 +138,12 @@ def parameter_rows(node: Any) -> list[list[str]]:
         8: "double[]",
         9: "string[]",
     }
+    required = [
+        parameter
+        for module, given in REQUIRED.items()
+        if module.endswith("." + node.get_name())
+        for parameter in given
+    ]
     rows = []
     for name in sorted(node._parameters):
         if name.startswith(COMMON_PARAMETERS):
@@ -145,7 +151,7 @@ def parameter_rows(node: Any) -> list[list[str]]:
         descriptor, value = node.describe_parameter(name), node._parameters[name].value
         is_array = value is not None and not isinstance(value, str) and hasattr(value, "__len__")
         shown = "[" + ", ".join(map(plain, value)) + "]" if is_array else plain(value)
-        if any(name in given for given in REQUIRED.values()) and "requir" in descriptor.description:
+        if name in required:
             shown = "required"
         live = "" if descriptor.read_only else " (live)"
         rows.append(

@@ -31,6 +31,7 @@ def curve(folder: Path) -> list[float]:
 
 
 @pytest.mark.parametrize("steps", [8, pytest.param(50, marks=pytest.mark.slow)])
+@pytest.mark.long
 def test_the_same_seed_gives_the_same_curve(tmp_path, steps):
     trainer(tmp_path / "a", steps).run()
     trainer(tmp_path / "b", steps).run()
@@ -41,6 +42,7 @@ def test_the_same_seed_gives_the_same_curve(tmp_path, steps):
 
 
 @pytest.mark.parametrize("preset", ["compact", "compact-diffusion", "paper"])
+@pytest.mark.long
 def test_a_killed_run_ends_in_the_state_of_one_that_was_not(tmp_path, preset):
     """Killed at step 5 with the state of step 4 on disk: steps 4 and 5 are done again."""
     whole = trainer(tmp_path / "whole", 8, preset)
@@ -83,6 +85,7 @@ def test_a_signal_stops_after_the_step_and_saves(tmp_path):
     assert trainer(tmp_path, 50).step == 2
 
 
+@pytest.mark.long
 def test_the_best_weights_of_the_validation_are_kept(tmp_path):
     held_out = Mixture(((ProceduralSource(held_out=True), 1.0),), SampleConfig(points=256))
     validation = ValidationSet(held_out, 3, samples=2)

@@ -136,6 +136,7 @@ def test_odd_frames_have_a_defined_result(pipeline, points, message):
     assert result.points.shape[1] == 3
 
 
+@pytest.mark.long
 def test_against_the_truth_of_the_sim_camera():
     """The composed arm in random poses before the door: per-pixel labels tell right from wrong."""
     pinocchio = pytest.importorskip("pinocchio")

@@ -38,6 +38,7 @@ def test_the_truth_opens_every_mode_in_one_grasp(make_door, drive, mode):
     assert not any(d.outcome for d in run.decisions[:-1])
 
 
+@pytest.mark.long
 def test_memory_of_failures_opens_the_ambiguous_door(make_door, drive):
     """Blind attempts find one of four modes in 1 - 0.75**6 = 82 % of runs."""
     assert rate(make_door, drive, range(3), AMBIGUOUS) == 1.0

@@ -84,6 +84,7 @@ def test_true_flow_opens_a_published_door(raw_object):
     assert steps <= 10
 
 
+@pytest.mark.long
 def test_seeds_repeat_bit_by_bit_here_and_in_another_process():
     model = load_object("custom_door", mode="push_left")
     first = rollout(model, 3)

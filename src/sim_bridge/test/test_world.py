@@ -249,6 +249,7 @@ def fingerprint(urdf):
     return digest.hexdigest()
 
 
+@pytest.mark.long
 def test_equal_runs_are_bit_identical_here_and_in_another_process(robot_urdf, tmp_path):
     first = fingerprint(robot_urdf)
     assert fingerprint(robot_urdf) == first
