@@ -44,7 +44,7 @@ class Opener:
         self.world = world
         self.executor = executor
         self.widest = 0.0
-        self.peak = 0.0
+        self.peaks: list[float] = []
 
     def move(self, goal: MotionGoal) -> MotionResult:
         self.executor.start(goal, self.world.observation())
@@ -53,7 +53,7 @@ class Opener:
             if update.trajectory is not None:
                 assert self.world.command_trajectory(update.trajectory) == ""
             if update.result is not None:
-                self.peak = max(self.peak, float(np.linalg.norm(update.result.peak_wrench[:3])))
+                self.peaks.append(float(np.linalg.norm(update.result.peak_wrench[:3])))
                 return update.result
             self.world.step(TICKS)
             self.widest = max(self.widest, self.world.open_ratio)
@@ -100,5 +100,7 @@ def test_the_door_opens_in_every_mode_from_one_pose(mode: str, seed: int) -> Non
             if result.reason is not MotionReason.REACHED or opener.widest > 0.95:
                 break
         assert opener.widest > 0.9, result.message
-        assert opener.peak < 32.0
+        # Only the step that runs into the end stop is stopped by force; the cup holds 40 N.
+        assert max(opener.peaks[:-1]) < 15.0
+        assert opener.peaks[-1] < 40.0
         assert world.worst_contacts() == {}
