@@ -21,6 +21,7 @@ from flowbothd_common.motion import (
     RobotObservation,
 )
 from flowbothd_common.types import Array, as_cloud
+from franka_suction_driver.collision import CollisionChecker, Margins
 from franka_suction_driver.commander import Commander
 from franka_suction_driver.description import compose_urdf
 from franka_suction_driver.flow_step import FlowStep
@@ -34,14 +35,15 @@ from franka_suction_driver.params import MotionParams
 from franka_suction_driver.planner import PlannedMotion, Planner
 from franka_suction_driver.probe import Probe
 from franka_suction_driver.recorder import Recorder
-from franka_suction_driver.tool_follower import ToolFollower
-from franka_suction_driver.tool_motion import Bounds
+from franka_suction_driver.tool_follower import Rollout, ToolFollower
+from franka_suction_driver.tool_motion import Bounds, Reference
 from franka_suction_driver.trajectory import JointState
 
 _log = logging.getLogger(__name__)
 _AT_REST = 0.05
 _SAME_PLACE = 0.02
 _ENOUGH = 0.9
+_TOUCH_DISTANCE = 0.005
 
 
 @dataclass(frozen=True)
@@ -95,6 +97,12 @@ class MotionExecutor:
         # Pinocchio's data is not safe to share with a thread that plans.
         own = Kinematics(robot.urdf, robot.joint_names, robot.base_frame, robot.tip_frame)
         self._planner = Planner(own, self.limits, params)
+        # Of a held part nobody knows what is scene: steps keep clear of table and arm alone.
+        self._bare = CollisionChecker(
+            Kinematics(robot.urdf, robot.joint_names, robot.base_frame, robot.tip_frame),
+            Margins(self_collision=0.0, table=0.003),
+            table_height=params.collision.table_height,
+        )
         self._follower = ToolFollower(robot, self.limits, self._box, params.planning.tilt_slack)
         self._seed = params.seed if seed is None else seed
         self._motions = 0
@@ -322,6 +330,25 @@ class MotionExecutor:
         still.redirect(0.0, 0.0, Bounds(params.speed))
         return Probe(self._follower, still, rollout, distance, params, seen.time)
 
+    def _clear_of_table(
+        self, reference: Reference, rollout: Rollout, speed: float, start: JointState
+    ) -> tuple[Reference, Rollout]:
+        """The step, shortened to where the arm would touch the table or itself."""
+        if rollout.trajectory is None or not self._bare.free(start.position):
+            return reference, rollout
+        positions = rollout.trajectory.positions
+        free = self._bare.free_count(positions)
+        if free == len(positions):
+            return reference, rollout
+        touch = f"the arm would touch: {self._bare.touch(positions[free])}"
+        way = float(reference.travel(float(rollout.trajectory.times[free])).position[0])
+        length = way - _TOUCH_DISTANCE
+        if length < _TOUCH_DISTANCE:
+            return reference, Rollout(None, 0.0, MotionReason.COLLISION.value, touch)
+        shorter = replace(reference.line, length=length)
+        reference, rollout = self._follower.plan(shorter, Bounds(speed), start)
+        return reference, replace(rollout, problem=MotionReason.COLLISION.value, detail=touch)
+
     def _flow_step(
         self, goal: MotionGoal, direction: Array, seen: RobotObservation
     ) -> RunningMotion | Ending:
@@ -338,6 +365,7 @@ class MotionExecutor:
             if plans[-1][1].travel > _ENOUGH * distance:
                 break
         reference, rollout = max(plans, key=lambda plan: plan[1].travel)
+        reference, rollout = self._clear_of_table(reference, rollout, params.speed, start)
         if rollout.trajectory is None:
             problem = rollout.problem or "singularity"
             message = f"the arm cannot follow the flow: {rollout.detail}"

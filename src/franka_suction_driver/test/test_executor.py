@@ -349,3 +349,18 @@ def test_a_step_beyond_reach_goes_as_far_as_it_can(
     assert 0.2 < result.reached_fraction < 0.99
     assert "reaches only" in result.message
     assert_continuous_and_limited(arm, limits)
+
+
+def test_a_step_ends_before_the_arm_touches_the_table(
+    executor: MotionExecutor, make_arm: Callable, limits: JointLimits
+) -> None:
+    """The incident: following a low drawer pressed the wrist onto the table with 600 N."""
+    arm = make_arm(START)
+    arm.vacuum = lambda tip: True
+    down = np.array([0, 0, -1.0])
+    result = arm.run(executor, step(down, 0.45))
+    assert result.reason is MotionReason.COLLISION
+    assert "table" in result.message
+    assert 0.6 < result.reached_fraction < 1.0
+    assert min(tip[2] for tip in arm.tips) > 0.0
+    assert_continuous_and_limited(arm, limits)
