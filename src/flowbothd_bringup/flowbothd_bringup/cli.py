@@ -55,6 +55,18 @@ COMMANDS = (
         ("flowbothd trials --suite door --seeds 5", "flowbothd trials --suite furniture"),
     ),
     Command(
+        "train",
+        "flowbothd_model.train",
+        "train a network; resumable",
+        ("flowbothd train --preset compact --data procedural --out runs/compact",),
+    ),
+    Command(
+        "bench model",
+        "flowbothd_model.benchmark",
+        "time the networks and samplers",
+        ("flowbothd bench model --json out/bench_model.json",),
+    ),
+    Command(
         "bench sim",
         "flowbothd_bringup.bench_sim",
         "time the simulation: camera, physics, motion, whole rollouts",

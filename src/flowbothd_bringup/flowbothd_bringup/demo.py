@@ -8,7 +8,6 @@ from pathlib import Path
 
 from flowbothd_bringup.environment import node_environment, own_domain
 from flowbothd_bringup.graph import (
-    RunOptions,
     check_object,
     sim_parameters,
     sim_processes,
@@ -18,7 +17,7 @@ from flowbothd_bringup.processes import NodeProcess, run_graph
 from flowbothd_bringup.record import load_record
 from flowbothd_bringup.report import write_report
 from flowbothd_bringup.scenes import scene_for
-from flowbothd_bringup.up import add_run_arguments
+from flowbothd_bringup.up import add_run_arguments, run_options
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -39,7 +38,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Run graph and operator; 0 if the object was opened, 1 if not, 2 on bad input."""
     scene = scene_for(arguments.object)
     arguments.out.mkdir(parents=True, exist_ok=True)
-    options = RunOptions(arguments.seed, arguments.mode, arguments.predictor)
+    options = run_options(arguments, start=False)
     check_object(scene, options)
     for old in ("summary.json", "record.json"):
         (arguments.out / old).unlink(missing_ok=True)

@@ -37,6 +37,7 @@ class RunOptions:
         seed: Run seed: mode, sensor noise, cloud sampling, prediction samples.
         mode: Mode of an object with modes; empty = drawn from the seed.
         predictor: oracle, ambiguous or model.
+        model: Name, folder or file of the weights, for predictor model.
         start: Whether the policy starts by itself as soon as everything is there.
         overrides: Further parameters, on top of everything else.
     """
@@ -44,6 +45,7 @@ class RunOptions:
     seed: int = 0
     mode: str = ""
     predictor: str = "ambiguous"
+    model: str = ""
     start: bool = False
     overrides: Parameters | None = None
 
@@ -107,6 +109,8 @@ def sim_parameters(scene: Scene, options: RunOptions) -> Parameters:
     result["motion_node"]["camera_position"] = list(scene.camera_eye)
     result["perception_node"] |= camera | {"seed": options.seed}
     result["inference_node"] |= {"predictor": options.predictor}
+    if options.model:
+        result["inference_node"]["model_path"] = options.model
     result["policy_node"] |= scene.policy | {"seed": options.seed, "autostart": options.start}
     for node, values in (options.overrides or {}).items():
         result.setdefault(node, {}).update(values)

@@ -37,7 +37,23 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
         help="who predicts the flow (default: %(default)s)",
     )
     parser.add_argument(
+        "--model",
+        default="compact-procedural",
+        help="weights of the predictor 'model': name, folder or file (default: %(default)s)",
+    )
+    parser.add_argument(
         "--domain", type=int, default=None, help="ROS domain, 0..101 (default: one of its own)"
+    )
+
+
+def run_options(arguments: argparse.Namespace, *, start: bool) -> RunOptions:
+    """Options of the run that the shared arguments ask for."""
+    return RunOptions(
+        seed=arguments.seed,
+        mode=arguments.mode,
+        predictor=arguments.predictor,
+        model=arguments.model if arguments.predictor == "model" else "",
+        start=start,
     )
 
 
@@ -50,7 +66,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Run the graph until Ctrl-C."""
     scene = scene_for(arguments.object)
-    options = RunOptions(arguments.seed, arguments.mode, arguments.predictor, start=arguments.start)
+    options = run_options(arguments, start=arguments.start)
     check_object(scene, options)
     domain = own_domain() if arguments.domain is None else arguments.domain
     environment = node_environment(domain)
