@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import multiprocessing
+import os
 import sys
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
@@ -16,6 +17,7 @@ from tqdm import tqdm
 
 from flowbothd_bringup.record import as_plain
 from flowbothd_common.errors import FlowBotError, ObjectModelError
+from flowbothd_common.ros.node_main import GUARDIAN, watch_guardian
 from flowbothd_common.types import Outcome
 
 DOOR_MODES = ("pull_left", "pull_right", "push_left", "push_right")
@@ -81,13 +83,17 @@ def partnet_trials(folders: Sequence[Path], seeds: int) -> Iterator[Trial]:
 
 def run_trial(trial: Trial) -> dict[str, Any]:
     """Run one trial; always a record, whatever happens."""
-    entry: dict[str, Any] = asdict(trial) | {"object": Path(trial.object).name}
     try:
-        entry |= _rollout(trial)
+        result = _rollout(trial)
     except FlowBotError as error:
-        entry |= {"success": False, "open_ratio": 0.0, "outcome": Outcome.ERROR.value}
-        entry["reason"] = str(error)
-    return entry
+        result = {"success": False, "open_ratio": 0.0, "outcome": Outcome.ERROR.value}
+        result["reason"] = str(error)
+    # The trial's own words come last: by them it is found again after an interruption.
+    return {**result, **_identity(trial)}
+
+
+def _identity(trial: Trial) -> dict[str, Any]:
+    return asdict(trial) | {"object": Path(trial.object).name}
 
 
 def _rollout(trial: Trial) -> dict[str, Any]:
@@ -129,21 +135,33 @@ def _present(path: Path) -> list[dict[str, Any]]:
     return records
 
 
+def _follow(pid: int) -> None:
+    """Make a worker end with the command line, which may be killed in the middle of a trial."""
+    os.environ[GUARDIAN] = str(pid)
+    watch_guardian()
+
+
 def run_trials(trials: Sequence[Trial], out: Path, jobs: int) -> list[dict[str, Any]]:
     """Run the trials that `out` does not hold yet, append their records, and return all of them.
 
     A record does not depend on `jobs`: every trial has a world of its own.
     """
-    wanted = {_key(asdict(t) | {"object": Path(t.object).name}): t for t in trials}
+    wanted = {_key(_identity(trial)): trial for trial in trials}
     records = [entry for entry in _present(out) if _key(entry) in wanted]
     done = {_key(entry) for entry in records}
     missing = [trial for key, trial in wanted.items() if key not in done]
     out.parent.mkdir(parents=True, exist_ok=True)
     out.write_text("".join(json.dumps(entry) + "\n" for entry in records))
-    context = multiprocessing.get_context("spawn")
+    pool = ProcessPoolExecutor(
+        jobs,
+        mp_context=multiprocessing.get_context("spawn"),
+        max_tasks_per_child=20,
+        initializer=_follow,
+        initargs=(os.getpid(),),
+    )
     with (
         out.open("a") as file,
-        ProcessPoolExecutor(jobs, mp_context=context, max_tasks_per_child=20) as pool,
+        pool,
         tqdm(total=len(wanted), initial=len(records), unit="trial") as bar,
     ):
         futures = [pool.submit(run_trial, trial) for trial in missing]
