@@ -40,7 +40,6 @@ class RobotParams:
         "Approach and Retreat: joint speed as a part of the limits",
         minimum=0.01,
         maximum=1.0,
-        read_only=False,
     )
 
 
@@ -102,9 +101,7 @@ class ApproachParams:
     back_off: float = parameter(
         0.10, "Retreat: distance straight back along the tool axis [m]", minimum=0.0
     )
-    force_limit: float = parameter(
-        25.0, "Contact force that stops a free motion [N]", minimum=1.0, read_only=False
-    )
+    force_limit: float = parameter(25.0, "Contact force that stops a free motion [N]", minimum=1.0)
 
 
 @dataclass(frozen=True)
@@ -117,11 +114,9 @@ class ProbeParams:
     free_distance: float = parameter(0.06, "Way that is travelled faster [m]", minimum=0.0)
     free_speed: float = parameter(0.08, "Speed on that way [m/s]", minimum=0.001)
     contact_force: float = parameter(
-        4.0, "Force against the travel that counts as contact [N]", minimum=0.1, read_only=False
+        4.0, "Force against the travel that counts as contact [N]", minimum=0.1
     )
-    force_limit: float = parameter(
-        30.0, "Force that ends the motion [N]", minimum=1.0, read_only=False
-    )
+    force_limit: float = parameter(30.0, "Force that ends the motion [N]", minimum=1.0)
     vacuum_wait: float = parameter(
         0.8, "How long to wait for vacuum after contact [s]", minimum=0.0, maximum=10.0
     )
@@ -132,7 +127,7 @@ class FlowStepParams:
     """FlowStep: one guarded step along the flow."""
 
     distance: float = parameter(0.05, "Length of a step [m]", minimum=0.001)
-    speed: float = parameter(0.04, "Speed along the flow [m/s]", minimum=0.001, read_only=False)
+    speed: float = parameter(0.04, "Speed along the flow [m/s]", minimum=0.001)
     admittance: float = parameter(
         0.0025, "Sideways speed per sideways force [m/s/N]", minimum=0.0, maximum=0.05
     )
@@ -153,7 +148,6 @@ class FlowStepParams:
         22.0,
         "Force on the tool that ends the step; below what breaks the cup loose [N]",
         minimum=1.0,
-        read_only=False,
     )
     stall_distance: float = parameter(
         0.015,

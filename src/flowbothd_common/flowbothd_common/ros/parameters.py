@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable
 from typing import Any, TypeVar
 
 from rcl_interfaces.msg import (
     FloatingPointRange,
     IntegerRange,
     ParameterDescriptor,
-    SetParametersResult,
 )
 from rclpy.exceptions import InvalidParameterTypeException, InvalidParameterValueException
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from flowbothd_common.errors import ParameterError
-from flowbothd_common.parameters import Specification, build, checked, flatten, specifications
+from flowbothd_common.parameters import Specification, build, checked, specifications
 
 T = TypeVar("T")
 
@@ -102,25 +100,3 @@ def reject_unknown(node: Node) -> None:
             raise ParameterError(
                 f"{node.get_name()} has no parameter {name}", allowed=", ".join(near)
             )
-
-
-def on_change(node: Node, current: T, changed: Callable[[T], None]) -> None:
-    """Call `changed` with a whole new dataclass when parameters that are not read-only change.
-
-    A rejected change leaves everything as it was and says why in the result.
-    """
-    state = [current]
-    names = {spec.name: spec for spec in specifications(type(current))}
-
-    def callback(parameters: list[Parameter]) -> SetParametersResult:
-        ours = {p.name: p.value for p in parameters if p.name in names}
-        if not ours:
-            return SetParametersResult(successful=True)
-        try:
-            state[0] = build(type(current), {**flatten(state[0]), **ours})
-        except ParameterError as error:
-            return SetParametersResult(successful=False, reason=str(error))
-        changed(state[0])
-        return SetParametersResult(successful=True)
-
-    node.add_on_set_parameters_callback(callback)
