@@ -155,7 +155,6 @@ def run_trials(trials: Sequence[Trial], out: Path, jobs: int) -> list[dict[str, 
     pool = ProcessPoolExecutor(
         jobs,
         mp_context=multiprocessing.get_context("spawn"),
-        max_tasks_per_child=20,
         initializer=_follow,
         initargs=(os.getpid(),),
     )
