@@ -38,7 +38,7 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--model",
-        default="compact-procedural",
+        default="compact-doors",
         help="weights of the predictor 'model': name, folder or file (default: %(default)s)",
     )
     parser.add_argument(
