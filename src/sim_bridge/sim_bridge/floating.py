@@ -17,8 +17,9 @@ from flowbothd_common.types import Array, Cloud, SuctionReading
 from sim_bridge.ball_gripper import PARKED, BallGripper
 from sim_bridge.bullet import Bullet
 from sim_bridge.camera import PAPER_CAMERA, DepthCamera, DepthImage, Intrinsics
-from sim_bridge.ground_truth import FlowOracle, GroundTruth
+from sim_bridge.ground_truth import FlowOracle
 from sim_bridge.mesh import sphere_mesh
+from sim_bridge.object_world import ObjectWorld
 from sim_bridge.objects.from_urdf import standing_at
 from sim_bridge.objects.model import ObjectModel
 from sim_bridge.physics_urdf import remove, write_object
@@ -77,7 +78,7 @@ class Observation:
     image: DepthImage
 
 
-class FloatingWorld:
+class FloatingWorld(ObjectWorld):
     """One object and one gripper; bit-identical for equal objects, seeds and calls."""
 
     def __init__(
@@ -142,33 +143,6 @@ class FloatingWorld:
         """(4, 4) T_base_tip: the point of the ball that touches first, +z towards the object."""
         rotation = rotation_between((0.0, 0.0, 1.0), self._gripper.axis)
         return transform(rotation, self._gripper.tip)
-
-    def object_positions(self) -> dict[str, float]:
-        """Position of every movable joint [rad or m]."""
-        names = list(self.model.joints)
-        values, _ = self._object.joint_states(names)
-        return dict(zip(names, values.tolist(), strict=True))
-
-    def set_object_positions(self, positions: dict[str, float]) -> None:
-        """Put joints somewhere, at rest; for tests, pictures and openings to start from."""
-        self._object.set_joints(positions)
-        self._bullet.update_collisions()
-
-    def open_ratios(self) -> dict[str, float]:
-        """0 = closed, 1 = open, by joint."""
-        at = self.object_positions()
-        return {name: joint.open_ratio(at[name]) for name, joint in self.model.joints.items()}
-
-    @property
-    def open_ratio(self) -> float:
-        """Of the target joint."""
-        return self.open_ratios()[self.model.target_joint]
-
-    def ground_truth_flow(self, points: object, *, target_only: bool = False) -> GroundTruth:
-        """True flow of (N, 3) points; see FlowOracle.flow."""
-        return self._oracle.flow(
-            points, self.object_pose, self.object_positions(), target_only=target_only
-        )
 
     def parts(self) -> tuple[Part, ...]:
         """Everything that can be seen."""

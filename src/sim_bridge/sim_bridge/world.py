@@ -13,7 +13,8 @@ from flowbothd_common.errors import ObjectModelError
 from flowbothd_common.motion import JointTrajectory, RobotObservation
 from flowbothd_common.types import Array, SuctionReading
 from sim_bridge.bullet import ENVIRONMENT_GROUP, ROBOT_GROUP, Bullet, ContactForce
-from sim_bridge.ground_truth import FlowOracle, GroundTruth
+from sim_bridge.ground_truth import FlowOracle
+from sim_bridge.object_world import ObjectWorld
 from sim_bridge.objects.model import ObjectModel
 from sim_bridge.physics_urdf import remove, write_object, write_robot
 from sim_bridge.scene import Part
@@ -58,7 +59,7 @@ class ArmWorldParams:
     cup: CupParams = field(default_factory=CupParams)
 
 
-class ArmWorld:
+class ArmWorld(ObjectWorld):
     """A stepped world with the arm; the base frame is the robot's base, the table's top is z = 0.
 
     The arm is position controlled within its URDF's efforts and follows what it is told within a
@@ -235,39 +236,12 @@ class ArmWorld:
         """Largest force since the reset by (robot link, thing touched) [N]."""
         return dict(self._worst)
 
-    def object_positions(self) -> dict[str, float]:
-        """Position of every movable joint of the object [rad or m]."""
-        names = list(self.model.joints)
-        values, _ = self._object.joint_states(names)
-        return dict(zip(names, values.tolist(), strict=True))
-
-    def set_object_positions(self, positions: dict[str, float]) -> None:
-        """Put joints of the object somewhere, at rest; for tests and pictures."""
-        self._object.set_joints(positions)
-        self._bullet.update_collisions()
-
     def set_arm_positions(self, positions: Array) -> None:
         """Put the arm's joints somewhere, at rest; for tests and pictures."""
         self._robot.set_joints(dict(zip(self.joint_names, positions, strict=True)))
         self._follower.reset(np.array(positions, dtype=float))
         self._bullet.update_collisions()
         self._read()
-
-    def open_ratios(self) -> dict[str, float]:
-        """0 = closed, 1 = open, by joint."""
-        at = self.object_positions()
-        return {name: joint.open_ratio(at[name]) for name, joint in self.model.joints.items()}
-
-    @property
-    def open_ratio(self) -> float:
-        """Of the target joint."""
-        return self.open_ratios()[self.model.target_joint]
-
-    def ground_truth_flow(self, points: object, *, target_only: bool = False) -> GroundTruth:
-        """True flow of (N, 3) points in base; see FlowOracle.flow."""
-        return self._oracle.flow(
-            points, self.object_pose, self.object_positions(), target_only=target_only
-        )
 
     def parts(self) -> tuple[Part, ...]:
         """Everything that can be seen, each in its own frame (object parts: object, closed)."""
