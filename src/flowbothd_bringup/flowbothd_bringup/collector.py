@@ -8,7 +8,7 @@ import numpy as np
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 
-from flowbothd_bringup.record import PredictionSample, RunRecord, StateSample
+from flowbothd_bringup.record import PredictionSample, RunRecord, StateSample, motion_entry
 from flowbothd_common.motion import joint_order
 from flowbothd_common.ros import qos
 from flowbothd_common.ros.clouds import from_flow_message
@@ -37,23 +37,6 @@ def decision_of(message: PolicyEvent) -> dict[str, Any]:
         "grasp_switched": message.grasp_switched,
         "opening": message.opening,
         "outcome": message.outcome,
-    }
-
-
-def motion_entry(result: Any, time: float) -> dict[str, Any]:
-    """What the record keeps of a MotionResult value."""
-    return {
-        "time": time,
-        "motion": result.kind.value,
-        "reason": result.reason.value,
-        "message": result.message,
-        "reached_fraction": result.reached_fraction,
-        "tool_motion": result.tool_motion,
-        "contact": result.contact,
-        "vacuum": result.vacuum,
-        "peak_force": float(np.linalg.norm(result.peak_wrench[:3])),
-        "max_lag": result.max_lag,
-        "duration": result.duration,
     }
 
 

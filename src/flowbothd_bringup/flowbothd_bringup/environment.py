@@ -7,7 +7,7 @@ import sys
 from importlib.resources import files
 
 from flowbothd_common.errors import ParameterError
-from flowbothd_common.ros.node_main import GUARDIAN
+from flowbothd_common.guardian import GUARDIAN
 
 FIRST_DOMAIN, LAST_DOMAIN = 1, 101
 """Domains whose ports are free on every Linux by default."""

@@ -22,8 +22,8 @@ from flowbothd_bringup.collector import Collector
 from flowbothd_bringup.graph import NODES
 from flowbothd_bringup.record import RunRecord, save_record, write_json
 from flowbothd_common.errors import FlowBotError
+from flowbothd_common.guardian import watch_guardian
 from flowbothd_common.ros.liveness import PeerWatch
-from flowbothd_common.ros.node_main import watch_guardian
 
 READY_TIMEOUT = 90.0
 """Seconds for all nodes to be ready; starting six Python processes on two cores takes ten."""

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from flowbothd_common.motion import MotionResult
 from flowbothd_common.types import Array, Cloud
 
 
@@ -117,6 +118,23 @@ class RunRecord:
             "sim_s": round(end - start, 2),
             "peak_force": round(max((m["peak_force"] for m in self.motions), default=0.0), 1),
         }
+
+
+def motion_entry(result: MotionResult, time: float) -> dict[str, Any]:
+    """What the record keeps of a MotionResult value."""
+    return {
+        "time": time,
+        "motion": result.kind.value,
+        "reason": result.reason.value,
+        "message": result.message,
+        "reached_fraction": result.reached_fraction,
+        "tool_motion": result.tool_motion,
+        "contact": result.contact,
+        "vacuum": result.vacuum,
+        "peak_force": float(np.linalg.norm(result.peak_wrench[:3])),
+        "max_lag": result.max_lag,
+        "duration": result.duration,
+    }
 
 
 def as_plain(value: Any) -> Any:

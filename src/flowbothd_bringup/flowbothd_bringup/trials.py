@@ -17,7 +17,7 @@ from tqdm import tqdm
 
 from flowbothd_bringup.record import as_plain
 from flowbothd_common.errors import FlowBotError, ObjectModelError
-from flowbothd_common.ros.node_main import GUARDIAN, watch_guardian
+from flowbothd_common.guardian import GUARDIAN, watch_guardian
 from flowbothd_common.types import Outcome
 
 DOOR_MODES = ("pull_left", "pull_right", "push_left", "push_right")

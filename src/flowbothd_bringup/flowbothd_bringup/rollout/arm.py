@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from flowbothd_bringup.collector import motion_entry
-from flowbothd_bringup.record import RunRecord, StateSample
+from flowbothd_bringup.record import RunRecord, StateSample, motion_entry
 from flowbothd_bringup.rollout.driver import PolicyDriver
 from flowbothd_bringup.scenes import Scene
 from flowbothd_common.errors import MotionRejectedError

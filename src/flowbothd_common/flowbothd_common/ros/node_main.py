@@ -3,11 +3,7 @@
 from __future__ import annotations
 
 import logging
-import os
-import select
-import signal
 import sys
-import threading
 from collections.abc import Callable
 
 import rclpy
@@ -20,29 +16,10 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 
 from flowbothd_common.errors import FlowBotError
+from flowbothd_common.guardian import watch_guardian
 from flowbothd_common.ros.parameters import reject_unknown
 
 RCLError = rclpy_implementation.RCLError
-
-GUARDIAN = "FLOWBOTHD_GUARDIAN_PID"
-"""Environment variable with the process id that this node must not outlive."""
-
-
-def watch_guardian() -> None:
-    """Stop this process when its guardian is gone, however it went; a thread watches its pidfd."""
-    pid = os.environ.get(GUARDIAN)
-    if not pid or not hasattr(os, "pidfd_open"):
-        return
-    try:
-        descriptor = os.pidfd_open(int(pid))
-    except ProcessLookupError:
-        raise SystemExit(f"the process that started this node (pid {pid}) is gone") from None
-
-    def watch() -> None:
-        select.select([descriptor], [], [])
-        os.kill(os.getpid(), signal.SIGTERM)
-
-    threading.Thread(target=watch, name="guardian", daemon=True).start()
 
 
 def _first_line(error: Exception) -> str:
