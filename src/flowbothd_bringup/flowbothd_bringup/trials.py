@@ -10,15 +10,17 @@ import sys
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, replace
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
 from tqdm import tqdm
 
 from flowbothd_bringup.record import as_plain
-from flowbothd_common.errors import FlowBotError, ObjectModelError
+from flowbothd_common.errors import FlowBotError, ObjectModelError, ParameterError
 from flowbothd_common.guardian import GUARDIAN, watch_guardian
 from flowbothd_common.types import Outcome
+from flowbothd_policy.predictor import FlowPredictor
 
 DOOR_MODES = ("pull_left", "pull_right", "push_left", "push_right")
 FURNITURE = ("drawer", "cabinet_door", "lidded_box")
@@ -35,7 +37,8 @@ class Trial:
         object: Scene, or path of a PartNet-Mobility folder.
         mode: Mode of the object, or empty.
         target: Target joint, empty = the object's own.
-        method: oracle, ambiguous, or ambiguous-paper (failed directions may be tried again).
+        method: One of METHODS (ambiguous-paper may try failed directions again), or `model:` and
+            the name, folder or file of weights.
         seed: Run seed.
     """
 
@@ -56,29 +59,34 @@ METHODS: dict[str, tuple[str, dict[str, Any]]] = {
 """Method -> predictor, and the policy's parameters that differ from their defaults."""
 
 
-def door_trials(seeds: int) -> Iterator[Trial]:
+MODEL = "model:"
+
+
+def door_trials(methods: Sequence[str], seeds: int) -> Iterator[Trial]:
     """The four-mode door, by the arm."""
-    for method in METHODS:
+    for method in methods:
         for mode in DOOR_MODES:
             for seed in range(seeds):
                 yield Trial("door", "arm", "custom_door", mode, "", method, seed)
 
 
-def furniture_trials(seeds: int) -> Iterator[Trial]:
+def furniture_trials(methods: Sequence[str], seeds: int) -> Iterator[Trial]:
     """Procedural furniture, by the arm."""
-    for name in FURNITURE:
-        for seed in range(seeds):
-            yield Trial("furniture", "arm", name, "", "", "oracle", seed)
+    for method in methods:
+        for name in FURNITURE:
+            for seed in range(seeds):
+                yield Trial("furniture", "arm", name, "", "", method, seed)
 
 
-def partnet_trials(folders: Sequence[Path], seeds: int) -> Iterator[Trial]:
+def partnet_trials(folders: Sequence[Path], methods: Sequence[str], seeds: int) -> Iterator[Trial]:
     """Every movable joint of PartNet-Mobility objects, by the floating gripper."""
     from sim_bridge.objects.registry import load_object
 
     for folder in folders:
         for joint in load_object(folder).joints:
-            for seed in range(seeds):
-                yield Trial("partnet", "floating", str(folder), "", joint, "oracle", seed)
+            for method in methods:
+                for seed in range(seeds):
+                    yield Trial("partnet", "floating", str(folder), "", joint, method, seed)
 
 
 def run_trial(trial: Trial) -> dict[str, Any]:
@@ -97,14 +105,17 @@ def _identity(trial: Trial) -> dict[str, Any]:
 
 
 def _rollout(trial: Trial) -> dict[str, Any]:
-    predictor, changes = METHODS[trial.method]
+    network = _network(trial.method.removeprefix(MODEL)) if trial.method.startswith(MODEL) else None
+    predictor, changes = METHODS.get(trial.method, ("", {}))
     if trial.world == "floating":
         from flowbothd_bringup.rollout.floating import FLOATING_POLICY, floating_rollout
         from sim_bridge.objects.registry import load_object
 
         model = load_object(trial.object, seed=trial.seed)
         model = model.with_target(trial.target) if trial.target else model
-        record = floating_rollout(model, replace(FLOATING_POLICY, seed=trial.seed, **changes))
+        record = floating_rollout(
+            model, replace(FLOATING_POLICY, seed=trial.seed, **changes), predictor=network
+        )
         return record.summary()
     from flowbothd_bringup.rollout.arm import arm_rollout
     from flowbothd_bringup.scenes import scene_for
@@ -113,10 +124,21 @@ def _rollout(trial: Trial) -> dict[str, Any]:
         scene_for(trial.object),
         seed=trial.seed,
         mode=trial.mode,
-        predictor=predictor,
+        predictor=network or predictor,
         policy=changes,
     )
     return record.summary() | {"contacts": as_plain(contacts)}
+
+
+@lru_cache(maxsize=1)
+def _network(name: str) -> FlowPredictor:
+    """The weights, loaded once in a process; one thread, since trials run side by side."""
+    import torch
+
+    from flowbothd_model import load
+
+    torch.set_num_threads(1)
+    return load(name)
 
 
 def _key(entry: dict[str, Any]) -> tuple[Any, ...]:
@@ -224,6 +246,14 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--suite", choices=SUITES, default="all", help="(default: %(default)s)")
     parser.add_argument("--seeds", type=int, default=0, help="runs each (default: 5; furniture: 3)")
     parser.add_argument(
+        "--methods",
+        nargs="+",
+        default=[],
+        metavar="METHOD",
+        help=f"any of {', '.join(METHODS)}, {MODEL}WEIGHTS (default: the first three for the door, "
+        "oracle for the rest)",
+    )
+    parser.add_argument(
         "--objects",
         type=Path,
         nargs="*",
@@ -243,17 +273,23 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Run the suite and print its table."""
     suite = arguments.suite
+    for method in arguments.methods:
+        if method not in METHODS and not method.startswith(MODEL):
+            raise ParameterError(
+                "no such method", got=method, allowed=[*METHODS, f"{MODEL}WEIGHTS"]
+            )
+    others = arguments.methods or ["oracle"]
     trials: list[Trial] = []
     if suite in ("door", "all"):
-        trials += door_trials(arguments.seeds or 5)
+        trials += door_trials(arguments.methods or list(METHODS), arguments.seeds or 5)
     if suite in ("furniture", "all"):
-        trials += furniture_trials(arguments.seeds or 3)
+        trials += furniture_trials(others, arguments.seeds or 3)
     if suite == "partnet" and not arguments.objects:
         raise ObjectModelError(
             "the partnet suite needs objects", hint="give --objects FOLDER [FOLDER ...]"
         )
     if suite in ("partnet", "all"):
-        trials += partnet_trials(arguments.objects, arguments.seeds or 5)
+        trials += partnet_trials(arguments.objects, others, arguments.seeds or 5)
     records = run_trials(trials, arguments.out, arguments.jobs)
     sys.stdout.write(table(records) + "\n")
     return 0
