@@ -180,7 +180,7 @@ def _prediction(response: PredictFlow.Response | None, command: Predict) -> Even
         return PredictionFailed(str(error))
     if points.shape != command.points.shape or not np.isfinite(flows).all():
         return PredictionFailed(f"flow for {len(points)} points, {len(command.points)} were asked")
-    return PredictionArrived(points, flows, command.stamp, response.model_id)
+    return PredictionArrived(points, flows, command.stamp, response.model_id, command.seed)
 
 
 def to_event_message(decision: Decision, base_frame: str) -> PolicyEvent:

@@ -38,12 +38,14 @@ class PredictionArrived:
         flows: (S, N, 3) float32, max-normalised.
         stamp: Stamp of that cloud.
         model_id: Who predicted.
+        seed: Of the request.
     """
 
     points: Cloud
     flows: NDArray[np.float32]
     stamp: float
     model_id: str = ""
+    seed: int = 0
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, State, TransitionCallbackReturn
 from std_msgs.msg import Header
 
-from flowbothd_common.errors import CheckpointError, FlowBotError, ParameterError
+from flowbothd_common.errors import CheckpointError, FlowBotError
 from flowbothd_common.ros import clouds, diagnostics, qos
 from flowbothd_common.ros.node_main import run_node
 from flowbothd_common.ros.parameters import declare
@@ -20,8 +20,8 @@ from flowbothd_common.types import Cloud, History, as_cloud
 from flowbothd_interfaces.msg import FlowPrediction
 from flowbothd_interfaces.srv import PredictFlow
 from flowbothd_policy.inference_params import InferenceParams
-from flowbothd_policy.oracle import OracleParams, draw
 from flowbothd_policy.predictor import FlowPredictor
+from flowbothd_policy.sampling import check_samples, sample_model, sample_truth
 from flowbothd_policy.truth_ros import TRUTH, TruthClient
 
 
@@ -123,32 +123,14 @@ class InferenceNode(LifecycleNode):
     async def _sample(
         self, request: PredictFlow.Request, points: Cloud, history: History | None
     ) -> np.ndarray:
-        params = self._params
         if not self._active:
             raise CheckpointError("inference is not active", hint="activate the lifecycle node")
-        if not 1 <= request.samples <= params.max_samples:
-            raise ParameterError(
-                "number of samples", got=request.samples, allowed=f"1..{params.max_samples}"
-            )
+        check_samples(self._params, request.samples)
         if self._model is None:
-            oracle = OracleParams(
-                params.predictor,
-                params.noise,
-                params.tilt,
-                params.wrong_mode_probability,
-                params.open_threshold,
-            )
             truth = await self._truth.ask(request.cloud, len(points))
-            return draw(truth, oracle, request.samples, request.seed)
-        scale = np.float32(params.cloud_scale)
-        past = None if history is None else History(history.points * scale, history.flow)
-        return self._model.sample(
-            points * scale,
-            past,
-            request.samples,
-            steps=params.steps or None,
-            sampler=params.sampler or None,
-            seed=request.seed,
+            return sample_truth(self._params, truth, request.samples, request.seed)
+        return sample_model(
+            self._params, self._model, points, history, request.samples, request.seed
         )
 
 

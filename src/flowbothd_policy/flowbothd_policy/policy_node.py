@@ -40,11 +40,11 @@ from flowbothd_policy.events import (
     SuctionChanged,
     WaitExpired,
 )
+from flowbothd_policy.inputs_ros import InputLog, phase_of
 from flowbothd_policy.policy_node_params import PolicyNodeParams
 from flowbothd_policy.state import Phase, PolicyState
 from flowbothd_policy.state_machine import advance, waiting
 
-_PHASES = {getattr(SuctionState, phase.name): phase for phase in SuctionPhase}
 _AT_REST = (Phase.IDLE, Phase.FINISHED)
 
 
@@ -61,11 +61,11 @@ class PolicyNode(Node):
         self._waiting_since = time.monotonic()
         self._lost: tuple[str, ...] = ()
         self._suction = SuctionPhase.OFF
-        self._outcome = ""
-        self._started = False
+        self._outcome, self._started = "", False
         self._status = diagnostics.NodeStatus(self)
         self._peers = PeerWatch(self, self._params.peers, self._params.peer_timeout)
         self._actuators = Actuators(self, self._feed, self._params.base_frame)
+        self._inputs = InputLog(self, self._params.base_frame)
         self._events = self.create_publisher(PolicyEvent, "policy/events", qos.EVENT)
         self.create_subscription(PointCloud2, "object_cloud", self._on_cloud, qos.IMAGE)
         self.create_subscription(SuctionState, "suction/state", self._on_suction, qos.STATE)
@@ -94,7 +94,7 @@ class PolicyNode(Node):
             self._busy = False
 
     def _advance(self, event: Event) -> None:
-        now = self.get_clock().now().nanoseconds * 1e-9
+        event, now = self._inputs.note(event)
         self._state, commands = advance(self._state, event, now, self._params)
         wait = waiting(self._state, self._params)
         if commands or wait != self._wait:
@@ -139,7 +139,7 @@ class PolicyNode(Node):
         self._feed(CloudArrived(points, stamp))
 
     def _on_suction(self, message: SuctionState) -> None:
-        phase = _PHASES.get(message.state, SuctionPhase.FAULT)
+        phase = phase_of(message.state)
         if phase is not self._suction:
             self._suction = phase
             self._feed(SuctionChanged(phase, message.message))

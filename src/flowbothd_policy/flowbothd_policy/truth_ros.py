@@ -7,15 +7,30 @@ from typing import Any
 from rclpy.callback_groups import ReentrantCallbackGroup
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
+from rclpy.service_introspection import ServiceIntrospectionState
 from rclpy.task import Future
 from sensor_msgs.msg import PointCloud2
 
 from flowbothd_common.errors import InvalidCloudError
-from flowbothd_common.ros import clouds
+from flowbothd_common.ros import clouds, qos
 from flowbothd_interfaces.srv import GroundTruthFlow
 from flowbothd_policy.oracle import Truth
 
 TRUTH = "sim/ground_truth_flow"
+
+
+def truth_of(response: GroundTruthFlow.Response, count: int) -> Truth:
+    """The truth in the simulation's answer for a cloud of `count` points.
+
+    Raises:
+        InvalidCloudError: a refusal, or an answer for another cloud.
+    """
+    if not response.ok:
+        raise InvalidCloudError(f"{TRUTH} refused the cloud: {response.message}")
+    points, flows = clouds.from_flow_message(response.flows)
+    if len(points) != count:
+        raise InvalidCloudError("true flow of another cloud", got=len(points), allowed=count)
+    return Truth(flows, tuple(response.modes), response.open_ratio)
 
 
 class TruthClient:
@@ -31,6 +46,10 @@ class TruthClient:
         # The callback that awaits the answer keeps its own group busy meanwhile.
         self._group = ReentrantCallbackGroup()
         self._client = node.create_client(GroundTruthFlow, TRUTH, callback_group=self._group)
+        # What a service answers is part of a run's story: a bag must hold it.
+        self._client.configure_introspection(
+            node.get_clock(), qos.EVENT, ServiceIntrospectionState.CONTENTS
+        )
         # Simulated time stands still when the simulation is gone.
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
 
@@ -50,12 +69,7 @@ class TruthClient:
                 f"no answer from {TRUTH} within {self._timeout:g} s",
                 hint="is the bridge node running? without a simulation use predictor model",
             )
-        if not response.ok:
-            raise InvalidCloudError(f"{TRUTH} refused the cloud: {response.message}")
-        points, flows = clouds.from_flow_message(response.flows)
-        if len(points) != count:
-            raise InvalidCloudError("true flow of another cloud", got=len(points), allowed=count)
-        return Truth(flows, tuple(response.modes), response.open_ratio)
+        return truth_of(response, count)
 
     async def _answer(self, cloud: PointCloud2) -> GroundTruthFlow.Response | None:
         answer: Future = Future(executor=self._node.executor)
