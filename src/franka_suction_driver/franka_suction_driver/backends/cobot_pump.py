@@ -1,0 +1,189 @@
+"""Schmalz Cobot Pump through libfranka's VacuumGripper."""
+
+from __future__ import annotations
+
+import logging
+import queue
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import replace
+from datetime import timedelta
+from typing import Any
+
+from flowbothd_common.errors import SuctionError
+from flowbothd_common.types import SuctionReading
+from franka_suction_driver.backend_params import PumpNodeParams
+from franka_suction_driver.backends.library import connection_problem, load_panda_py
+from franka_suction_driver.backends.protocol import BackendError
+
+_log = logging.getLogger(__name__)
+_PASCAL_PER_MBAR = 100.0
+_PASCAL_PER_SETPOINT = 1000.0
+_LARGEST_SETPOINT = 255
+
+
+def setpoint(vacuum: float, part_present_vacuum: float) -> int:
+    """The gripper's set-point, in 10 mbar, for a vacuum in pascal.
+
+    Raises:
+        SuctionError: the pump has no such set-point, or would never report a part at it.
+    """
+    value = round(vacuum / _PASCAL_PER_SETPOINT)
+    if not 1 <= value <= _LARGEST_SETPOINT:
+        raise SuctionError(
+            "vacuum set-point of the Cobot Pump",
+            got=f"{vacuum:g} Pa",
+            allowed=f"{_PASCAL_PER_SETPOINT:g} .. {_LARGEST_SETPOINT * _PASCAL_PER_SETPOINT:g} Pa",
+            hint="the unit is pascal: 600 mbar are 60000 Pa",
+        )
+    if value * _PASCAL_PER_SETPOINT <= part_present_vacuum:
+        raise SuctionError(
+            "the set-point lies below the pump's part-present threshold: no part would ever count "
+            "as held",
+            got=f"{vacuum:g} Pa",
+            allowed=f"more than {part_present_vacuum:g} Pa (H2 of the pump's profile)",
+            hint="raise the set-point, or lower H2 in the pump and part_present_vacuum with it",
+        )
+    return value
+
+
+class CobotPump:
+    """PumpBackend over panda_py.libfranka.VacuumGripper.
+
+    Building up and releasing vacuum block for seconds, so they run in a thread of their own.
+    Reading the state holds Python's interpreter lock until the next packet comes: let this class
+    have a process of its own, as pump_node has.
+
+    Args:
+        params: Address, timeouts, thresholds.
+        library: Stands for the module panda_py; loaded when connecting if omitted.
+        clock: Steady time [s].
+    """
+
+    def __init__(
+        self,
+        params: PumpNodeParams,
+        *,
+        library: Any = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        self._params, self._library, self._clock = params, library, clock
+        self._gripper: Any = None
+        self._setpoint = 0
+        self._commands: queue.SimpleQueue[int | None] = queue.SimpleQueue()
+        self._reading: SuctionReading | None = None
+        self._trouble = ""
+        self._silent = False
+        self._heard = clock()
+        self._closing = threading.Event()
+        self._threads: list[threading.Thread] = []
+
+    def connect(self) -> None:
+        """Reach the pump and begin to read it."""
+        if self._library is None:
+            self._library = load_panda_py()
+        address = self._params.robot_ip
+        if not address:
+            raise BackendError("no robot address", hint="set robot_ip, or `up real --robot`")
+        try:
+            self._gripper = self._library.libfranka.VacuumGripper(address)
+        except RuntimeError as error:
+            problem = connection_problem(self._library, address, error)
+            hint = f"{problem.hint}; Desk, Settings, End-Effector must say Cobot Pump"
+            raise BackendError(problem.what, hint=hint) from error
+        for name, work in (("pump_commands", self._obey), ("pump_state", self._poll)):
+            self._threads.append(threading.Thread(target=work, name=name, daemon=True))
+            self._threads[-1].start()
+
+    def command(self, vacuum: float) -> None:
+        """Hold `vacuum` [Pa] or, with 0, release; repeating a command only shows a live sender."""
+        value = setpoint(vacuum, self._params.part_present_vacuum) if vacuum > 0 else 0
+        self._heard, self._silent = self._clock(), False
+        if value != self._setpoint:
+            self._setpoint = value
+            self._commands.put(value)
+
+    def reading(self) -> SuctionReading | None:
+        """Newest measurement, with what is wrong as its fault."""
+        if self._setpoint and self._clock() - self._heard > self._params.command_timeout:
+            self._setpoint = 0
+            self._commands.put(0)
+            self._silent = True
+        if self._silent and self._reading is not None:
+            return replace(self._reading, fault="suction/command fell silent: released the part")
+        return self._reading
+
+    def close(self) -> None:
+        """Release, switch off, end the threads; whatever goes wrong on the way is logged."""
+        self._closing.set()
+        self._commands.put(None)
+        for thread in self._threads:
+            thread.join(timeout=self._params.vacuum_timeout + 1.0)
+        self._threads.clear()
+        gripper, self._gripper = self._gripper, None
+        if gripper is not None:
+            self._release(gripper)
+
+    def _obey(self) -> None:
+        """Run commands one after the other; only the newest of those that wait counts."""
+        while (value := self._commands.get()) is not None:
+            while not self._commands.empty():
+                newer = self._commands.get()
+                if newer is None:
+                    return
+                value = newer
+            if value:
+                self._build_up(value)
+            else:
+                self._release(self._gripper)
+
+    def _build_up(self, value: int) -> None:
+        params = self._params
+        profiles = self._library.libfranka.VacuumGripperProductionSetupProfile
+        try:
+            reached = self._gripper.vacuum(
+                value,
+                timedelta(seconds=params.vacuum_timeout),
+                getattr(profiles, f"kP{params.profile}"),
+            )
+        except RuntimeError as error:
+            self._trouble = f"the pump does not build up vacuum: {error}"
+            return
+        self._trouble = ""
+        # Not an error: the cup may not touch anything yet. What comes of it is polled.
+        _log.info("vacuum %s within %g s", "up" if reached else "not up", params.vacuum_timeout)
+
+    def _release(self, gripper: Any) -> None:
+        """Vent, check that the part is off, and end the command in any case."""
+        try:
+            gripper.drop_off(timedelta(seconds=self._params.drop_off_timeout))
+            left = gripper.read_once()
+            level = _PASCAL_PER_MBAR * left.vacuum
+            if left.part_present or level > self._params.released_vacuum:
+                self._trouble = f"the part is not released: {level:.0f} Pa are left at the cup"
+            else:
+                self._trouble = ""
+        except RuntimeError as error:
+            self._trouble = f"the pump does not release: {error}"
+            _log.error("%s", self._trouble)
+        finally:
+            try:
+                gripper.stop()
+            except RuntimeError as error:
+                _log.error("the pump does not stop: %s", error)
+
+    def _poll(self) -> None:
+        while not self._closing.wait(1.0 / self._params.poll_rate):
+            try:
+                state = self._gripper.read_once()
+            except RuntimeError as error:
+                self._reading = SuctionReading(fault=f"the pump does not answer: {error}")
+                continue
+            red = str(state.device_status).endswith("kRed")
+            self._reading = SuctionReading(
+                _PASCAL_PER_MBAR * state.vacuum,
+                bool(state.part_present),
+                bool(state.part_detached),
+                "the pump reports a device error (red): see its display" if red else self._trouble,
+            )
