@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flowbothd_bringup.record import RunRecord, StateSample
 from flowbothd_bringup.rollout.driver import PolicyDriver
 from flowbothd_common.motion import MotionGoal
-from flowbothd_common.types import Cloud, SuctionPhase
+from flowbothd_common.types import Cloud, History, SuctionPhase
 from flowbothd_policy.events import CloudArrived, Event, MotionFinished, SuctionChanged
 from flowbothd_policy.oracle import OracleParams, OraclePredictor, Truth
 from flowbothd_policy.params import OpeningParams, PolicyParams
-from flowbothd_policy.predictor import FlowPredictor
+from flowbothd_policy.predictor import FlowPredictor, max_normalised
 from sim_bridge.floating import FloatingWorld
 from sim_bridge.objects.model import ObjectModel
 
@@ -35,11 +36,12 @@ class FloatingPolicyWorld:
 
     Args:
         world: Reset.
-        target_mask: Show the policy only points of the target link, as the released code does.
     """
 
-    def __init__(self, world: FloatingWorld, *, target_mask: bool) -> None:
-        self._world, self._target_mask = world, target_mask
+    def __init__(self, world: FloatingWorld) -> None:
+        self._world = world
+        self.on_target = np.zeros(0, dtype=bool)
+        """(N,) whether a point of the last cloud lies on the target link; not for the policy."""
         # A gripper that moves in no time would hand out clouds with the same stamp.
         self._looks = 0
         self._phase = SuctionPhase.OFF
@@ -55,14 +57,12 @@ class FloatingPolicyWorld:
         return []
 
     def observe(self) -> CloudArrived:
-        """The whole object, or the target link of it."""
+        """What the camera sees of the object."""
         self._looks += 1
         seen = self._world.observe(POINTS)
-        points = seen.points
-        if self._target_mask:
-            link = self._world.model.target.child
-            points = points[np.array([name == link for name in seen.links])]
-        return CloudArrived(points, self.time)
+        link = self._world.model.target.child
+        self.on_target = np.array([name == link for name in seen.links], dtype=bool)
+        return CloudArrived(seen.points, self.time)
 
     def move(self, goal: MotionGoal) -> list[Event]:
         """Do the motion."""
@@ -101,6 +101,34 @@ class FloatingPolicyWorld:
         return [SuctionChanged(phase)]
 
 
+class TargetOnly:
+    """A predictor whose flow counts on the target link alone, as in the released code.
+
+    It sees the whole cloud; what it predicts for other links is not acted upon.
+
+    Args:
+        predictor: To be restricted.
+        world: Knows which points lie on the target link.
+    """
+
+    def __init__(self, predictor: FlowPredictor, world: FloatingPolicyWorld) -> None:
+        self._predictor, self._world = predictor, world
+        self.model_id = predictor.model_id
+
+    def sample(
+        self,
+        points: Cloud,
+        history: History | None = None,
+        samples: int = 1,
+        steps: int | None = None,
+        sampler: str | None = None,
+        seed: int | None = None,
+    ) -> NDArray[np.float32]:
+        """(samples, N, 3) flows, zero off the target link."""
+        flows = self._predictor.sample(points, history, samples, steps, sampler, seed)
+        return max_normalised(flows * self._world.on_target[None, :, None])
+
+
 def floating_rollout(
     model: ObjectModel,
     params: PolicyParams,
@@ -116,14 +144,16 @@ def floating_rollout(
         params: Of the policy; its seed also draws the cloud's points.
         predictor: Samples flow fields; None = an oracle.
         oracle: How the oracle errs; by default the plain truth of the target joint.
-        target_mask: Only points of the target link may be seen and grasped.
+        target_mask: Only points of the target link may be grasped.
     """
     with FloatingWorld(model, params.seed) as world:
-        adapter = FloatingPolicyWorld(world, target_mask=target_mask)
+        adapter = FloatingPolicyWorld(world)
         if predictor is None:
             predictor = OraclePredictor(
                 lambda points: adapter.truth(points, target_only=True), oracle
             )
+        if target_mask:
+            predictor = TargetOnly(predictor, adapter)
         record = RunRecord(model.name, model.mode, params.seed, predictor.model_id)
         driver = PolicyDriver(adapter, predictor, params, record, stop_at=SUCCESS)
         return driver.run()
