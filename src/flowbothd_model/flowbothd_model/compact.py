@@ -142,14 +142,13 @@ class CompactNetwork(FlowNetwork):
         return context["feature"].shape[1]
 
     def denoise(self, context: Context, noisy: Tensor, level: Tensor) -> Tensor:
-        """(B, N, 3) noisy flow, or (B, latent) vector, and (B,) level -> (B, N, 3) flow."""
+        """(B, N, 3) noisy flow and (B,) level -> (B, N, 3) flow.
+
+        With a latent, (B * S, latent) vectors, those of a cloud one after the other, take the
+        place of the noisy flow, and the answer has B * S flows.
+        """
         if self.config.latent:
-            condition = self.level(level) + self.latent(noisy)  # (B, D)
-            x = context["tokens"]  # (B, T, D)
-            for block in self.blocks:
-                x = block(x, condition)
-            x = self.to_points(x, condition)  # (B, T, 64)
-            return self.head(context["blend"] @ x + context["feature"])  # type: ignore[no-any-return]
+            return self._from_vectors(context, noisy, level)
         local = context["local"]  # (B, N, 3): where in its patch a point lies
         moments = torch.cat(
             (noisy, (noisy.unsqueeze(-1) * local.unsqueeze(-2)).flatten(2)), dim=-1
@@ -166,3 +165,17 @@ class CompactNetwork(FlowNetwork):
         point = context["blend"] @ x + context["feature"] + self.noisy_point(smooth)  # (B, N, 64)
         share = self.copy(fn.silu(condition)).unsqueeze(1)  # (B, 1, 1)
         return self.head(point) + share * smooth  # type: ignore[no-any-return]
+
+    def _from_vectors(self, context: Context, vectors: Tensor, level: Tensor) -> Tensor:
+        """(B * S, latent) vectors -> (B * S, N, 3): what belongs to the points is not repeated."""
+        clouds, tokens = context["tokens"].shape[:2]
+        count = len(vectors) // clouds  # S
+        condition = self.level(level) + self.latent(vectors)  # (B * S, D)
+        x = context["tokens"].repeat_interleave(count, 0)  # (B * S, T, D)
+        for block in self.blocks:
+            x = block(x, condition)
+        x = self.to_points(x, condition)  # (B * S, T, 64)
+        x = x.view(clouds, count, tokens, _LOCAL).transpose(1, 2).flatten(2)  # (B, T, S * 64)
+        point = (context["blend"] @ x).unflatten(2, (count, _LOCAL))  # (B, N, S, 64)
+        flow = self.head(point + context["feature"].unsqueeze(2))  # (B, N, S, 3)
+        return flow.transpose(1, 2).flatten(0, 1)  # type: ignore[no-any-return]

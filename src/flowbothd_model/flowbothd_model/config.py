@@ -225,5 +225,28 @@ PRESETS: dict[str, ModelConfig] = {
         "ddim",
         8,
     ),
+    "compact-no-history": ModelConfig(
+        "compact-no-history",
+        replace(_COMPACT, latent=8, history=False),
+        DiffusionConfig(Schedule.IMPLICIT, Target.FLOW, steps=1, hypotheses=8),
+        Frame.CENTRED,
+        "ddim",
+        1,
+    ),
+    "compact-no-diffusion": ModelConfig(
+        "compact-no-diffusion",
+        replace(_COMPACT, diffusion=False),
+        DiffusionConfig(target=Target.FLOW, steps=1),
+        Frame.CENTRED,
+        sampling_steps=1,
+    ),
+    "compact-flowbot3d": ModelConfig(
+        "compact-flowbot3d",
+        replace(_COMPACT, history=False, diffusion=False),
+        DiffusionConfig(target=Target.FLOW, steps=1),
+        Frame.CENTRED,
+        sampling_steps=1,
+    ),
 }
-"""`flowbot3d` is PointNet++ alone; the other variants are the paper's ablations."""
+"""`flowbot3d` is PointNet++ alone; the other variants are the paper's ablations. Those of `compact`
+lack the same: the draw of answers (`no-diffusion`), the history, or both (`flowbot3d`)."""

@@ -76,7 +76,7 @@ def implicit_prediction(
     context = network.encode(points, history)
     level = torch.full((batch * hypotheses,), LEVEL, device=points.device)
     with torch.no_grad():
-        tried = network.denoise(context.repeated(hypotheses), vectors.flatten(0, 1), level)
+        tried = network.denoise(context, vectors.flatten(0, 1), level)
         error = relative_error(
             tried.float(), flow.repeat_interleave(hypotheses, 0), angle_weight
         ).view(batch, hypotheses)

@@ -61,7 +61,7 @@ def sample_flows(
             raise ValueError(f"a model without a chain has 1 step, got {chosen}")
         vectors = torch.randn((samples, config.network.latent), generator=generator)
         level = torch.full((samples,), LEVEL, device=device)
-        return max_normalised(network.denoise(repeated, vectors.to(device), level))
+        return max_normalised(network.denoise(context, vectors.to(device), level))
     diffusion = Diffusion(config.diffusion)
     noise = torch.randn((samples, count, 3), generator=generator).to(device)
 

@@ -21,7 +21,7 @@ from torch import distributed
 
 from flowbothd_model.config import PRESETS
 from flowbothd_model.data.procedural.catalogue import MAKERS
-from flowbothd_model.data.sampling import SampleConfig
+from flowbothd_model.data.sampling import SampleConfig, Situation
 from flowbothd_model.data.splits import split_folders
 from flowbothd_model.data.stream import Mixture, ObjectSource, PartNetSource, ProceduralSource
 from flowbothd_model.train_config import TrainConfig
@@ -36,6 +36,7 @@ _HELP = {
     "preset": f"one of {', '.join(PRESETS)}",
     "data": "procedural, or a folder of PartNet-Mobility objects to mix in",
     "categories": "procedural categories, separated by commas; empty = all",
+    "situations": "of closed, open, open_with_history, separated by commas",
     "steps": "optimiser steps of the whole run",
     "batch": "clouds per step and process",
     "draws": "noise levels per cloud",
@@ -78,8 +79,9 @@ def mixtures(config: TrainConfig) -> tuple[Mixture, Mixture]:
         share = config.partnet_share
         train = [(train[0][0], 1 - share), (PartNetSource(kept, stretch=0.2), share)]
         held = [(held[0][0], 0.5), (PartNetSource(held_out), 0.5)]
+    situations = tuple((Situation(name), 1.0) for name in config.situations.split(","))
     validation = Mixture(tuple(held), shown, seed=config.seed + 1_000_003)
-    return Mixture(tuple(train), shown, seed=config.seed), validation
+    return Mixture(tuple(train), shown, situations, config.seed), validation
 
 
 def run(args: argparse.Namespace) -> int:

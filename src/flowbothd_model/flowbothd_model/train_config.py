@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from flowbothd_model.config import PRESETS
+from flowbothd_model.data.sampling import Situation
 
 
 @dataclass(frozen=True)
@@ -19,6 +20,8 @@ class TrainConfig:
         data: `procedural`, or a PartNet-Mobility folder (mixed with procedural objects).
         partnet_share: Share of PartNet objects where there are any.
         categories: Procedural categories to train on, separated by commas; empty = all 21.
+        situations: Any of closed, open, open_with_history, separated by commas: FlowBot3D of the
+            paper trains on `open` alone or on `closed,open`.
         steps: Optimiser steps of the whole run.
         batch: Clouds per step and process.
         draws: Noise levels per cloud.
@@ -45,6 +48,7 @@ class TrainConfig:
     data: str = "procedural"
     partnet_share: float = 0.5
     categories: str = ""
+    situations: str = ",".join(Situation)
     steps: int = 20_000
     batch: int = 32
     draws: int = 2
@@ -70,6 +74,9 @@ class TrainConfig:
             raise ValueError(f"preset must be one of {sorted(PRESETS)}, got {self.preset!r}")
         if self.precision not in ("fp32", "bf16"):
             raise ValueError(f"precision must be fp32 or bf16, got {self.precision!r}")
+        unknown = set(self.situations.split(",")) - set(Situation)
+        if unknown:
+            raise ValueError(f"no such situations: {sorted(unknown)}; there are {list(Situation)}")
         for name in ("steps", "batch", "draws", "save_every", "validation_samples"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
