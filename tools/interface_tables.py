@@ -24,9 +24,11 @@ NODES = (
     "flowbothd_policy.policy_node",
     "franka_suction_driver.motion_node",
     "franka_suction_driver.suction_node",
+    "franka_suction_driver.arm_node",
+    "franka_suction_driver.pump_node",
 )
 # What has no default: a node refuses to start without it, here it gets something to start with.
-REQUIRED: dict[str, dict[str, list[float]]] = {
+REQUIRED: dict[str, dict[str, Any]] = {
     "flowbothd_perception.perception_node": {
         "camera.position": [0.0, 0.0, 0.0],
         "camera.quaternion": [0.0, 0.0, 0.0, 1.0],

@@ -19,6 +19,8 @@ setup(
     entry_points={
         "console_scripts": [
             "motion_node = franka_suction_driver.motion_node:main",
+            "arm_node = franka_suction_driver.arm_node:main",
+            "pump_node = franka_suction_driver.pump_node:main",
             "suction_node = franka_suction_driver.suction_node:main",
         ]
     },

@@ -13,6 +13,8 @@ import yaml
 
 from flowbothd_bringup.processes import NodeProcess
 from flowbothd_bringup.scenes import Scene
+from flowbothd_common.parameters import build, specifications
+from franka_suction_driver.params import MotionParams
 from sim_bridge.objects.registry import load_object
 
 NODES = {
@@ -89,9 +91,21 @@ def check_object(scene: Scene, options: RunOptions) -> None:
     load_object(scene.object, mode=options.mode or None, seed=options.seed)
 
 
+def sim_motion_params() -> MotionParams:
+    """Parameters of the motion core in simulation, as `up sim` gives them to motion_node."""
+    given = read_parameters(config_file("sim.yaml"))["motion_node"]
+    known = {spec.name for spec in specifications(MotionParams)}
+    return build(MotionParams, {name: v for name, v in given.items() if name in known})
+
+
+def config_file(name: str) -> Path:
+    """A parameter file that comes with this package."""
+    return Path(str(files("flowbothd_bringup") / "config" / name))
+
+
 def sim_parameters(scene: Scene, options: RunOptions) -> Parameters:
     """Parameters of every node for one scene: config/sim.yaml, then the scene, then overrides."""
-    result = read_parameters(Path(str(files("flowbothd_bringup") / "config" / "sim.yaml")))
+    result = read_parameters(config_file("sim.yaml"))
     for node in NODES:
         result.setdefault(node, {})
     camera = {

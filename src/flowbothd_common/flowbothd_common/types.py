@@ -123,9 +123,11 @@ class SuctionReading:
         part_present: A part seals the cup.
         part_detached: A part was held in this cycle and has come off.
         fault: Empty, or what is wrong with the pump.
+        in_control_range: The vacuum is within the set-point's band.
     """
 
     pressure: float = 0.0
     part_present: bool = False
     part_detached: bool = False
     fault: str = ""
+    in_control_range: bool = False

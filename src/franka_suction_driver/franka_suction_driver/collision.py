@@ -20,6 +20,7 @@ from franka_suction_driver.kinematics import Kinematics
 TABLE = "table"
 CLOUD = "cloud"
 HIDDEN = "what the cloud may hide"
+WORKSPACE = "the edge of the workspace"
 _TABLE_SIZE = (4.0, 4.0, 0.1)
 
 
@@ -67,6 +68,7 @@ class CollisionChecker:
         margins: Kept distances.
         table_height: Top of the table in base [m], None = no table.
         cell: Edge of the cells that the cloud is turned into [m].
+        workspace: Low and high corner (3,) of the box that the tip stays in [m], None = no box.
 
     Raises:
         ParameterError: a mesh of the robot cannot be loaded, or `cell` is not positive.
@@ -79,12 +81,14 @@ class CollisionChecker:
         *,
         table_height: float | None = 0.0,
         cell: float = 0.015,
+        workspace: tuple[Array, Array] | None = None,
     ) -> None:
         if not cell > 0:
             raise ParameterError("size of an obstacle cell", got=cell, allowed="> 0 m")
         self._kinematics = kinematics
         self._margins = margins or Margins()
         self._cell = cell
+        self._workspace = workspace
         self._data = kinematics.model.createData()
         self._robot = _convex_robot(kinematics)
         model = kinematics.model
@@ -163,6 +167,8 @@ class CollisionChecker:
                 go there to touch.
         """
         self._allow(tuple(contact_links))
+        if not self._inside(q):
+            return self._edge()
         hit = pinocchio.computeCollisions(
             self._kinematics.model, self._data, self._geometry, self._geometry_data, q, True
         )
@@ -185,7 +191,8 @@ class CollisionChecker:
             self._kinematics.model, self._data, self._geometry, self._geometry_data, q, False
         )
         objects = self._geometry.geometryObjects
-        return frozenset(
+        outside = frozenset() if self._inside(q) else frozenset([self._edge()])
+        return outside | frozenset(
             Touch(_link_name(objects[pair.first].name), _link_name(objects[pair.second].name))
             for pair, result in zip(
                 self._geometry.collisionPairs, self._geometry_data.collisionResults, strict=True
@@ -196,7 +203,7 @@ class CollisionChecker:
     def free(self, q: Array, *, contact_links: Sequence[str] = ()) -> bool:
         """Whether nothing touches at joint positions (J,)."""
         self._allow(tuple(contact_links))
-        return not pinocchio.computeCollisions(
+        return self._inside(q) and not pinocchio.computeCollisions(
             self._kinematics.model, self._data, self._geometry, self._geometry_data, q, True
         )
 
@@ -214,6 +221,15 @@ class CollisionChecker:
         """
         count = int(np.ceil(np.abs(end - start).max() / resolution))
         return all(self.free(start + (end - start) * t) for t in _coarse_to_fine(count))
+
+    def _inside(self, q: Array) -> bool:
+        if self._workspace is None:
+            return True
+        tip = self._kinematics.tip(q).position
+        return bool((tip >= self._workspace[0]).all() and (tip <= self._workspace[1]).all())
+
+    def _edge(self) -> Touch:
+        return Touch(self._kinematics.tip_frame, WORKSPACE)
 
     def _allow(self, links: tuple[str, ...]) -> None:
         if links == self._allowed:

@@ -20,30 +20,33 @@ from flowbothd_common.motion import (
     MotionResult,
     RobotObservation,
 )
-from flowbothd_common.types import Array, as_cloud
+from flowbothd_common.types import as_cloud
+from franka_suction_driver.audit import (
+    AuditSink,
+    NoAudit,
+    goal_entry,
+    result_entry,
+    trajectory_entry,
+)
 from franka_suction_driver.collision import CollisionChecker, Margins
 from franka_suction_driver.commander import Commander
 from franka_suction_driver.description import compose_urdf
-from franka_suction_driver.flow_step import FlowStep
-from franka_suction_driver.goals import checked_goal, led_axes, tool_line, travel_direction
+from franka_suction_driver.envelope import Envelope, slowed, workspace
+from franka_suction_driver.goals import checked_goal
 from franka_suction_driver.hidden import hidden_points
-from franka_suction_driver.joint_motion import JointMotion
 from franka_suction_driver.kinematics import Kinematics
-from franka_suction_driver.limits import limits_from
-from franka_suction_driver.motion_step import Ending, RunningMotion
+from franka_suction_driver.limits import robot_limits
+from franka_suction_driver.motion_factory import MotionFactory, Prepared
+from franka_suction_driver.motion_step import Ending, RunningMotion, Step
 from franka_suction_driver.params import MotionParams
-from franka_suction_driver.planner import PlannedMotion, Planner
-from franka_suction_driver.probe import Probe
+from franka_suction_driver.planner import Planner
 from franka_suction_driver.recorder import Recorder
-from franka_suction_driver.tool_follower import Rollout, ToolFollower
-from franka_suction_driver.tool_motion import Bounds, Reference
+from franka_suction_driver.tool_follower import ToolFollower
 from franka_suction_driver.trajectory import JointState
 
 _log = logging.getLogger(__name__)
 _AT_REST = 0.05
 _SAME_PLACE = 0.02
-_ENOUGH = 0.9
-_TOUCH_DISTANCE = 0.005
 
 
 @dataclass(frozen=True)
@@ -54,19 +57,17 @@ class MotionUpdate:
         trajectory: To be sent to the arm now, replacing the running one; or None.
         fraction: Progress of the running motion, 0..1.
         result: Set once, when the motion is over.
+        shown: What would have been sent, were this not a dry run.
     """
 
     trajectory: JointTrajectory | None = None
     fraction: float = 0.0
     result: MotionResult | None = None
+    shown: JointTrajectory | None = None
 
 
-@dataclass(frozen=True)
-class Prepared:
-    """A goal with its plan, ready to begin."""
-
-    goal: MotionGoal
-    planned: PlannedMotion | None
+def _twin(robot: Kinematics) -> Kinematics:
+    return Kinematics(robot.urdf, robot.joint_names, robot.base_frame, robot.tip_frame)
 
 
 def make_kinematics(params: MotionParams, urdf: str | None = None) -> Kinematics:
@@ -84,26 +85,36 @@ class MotionExecutor:
         params: Parameters of the motion core.
         seed: Of all random choices in planning; the n-th motion of two executors with the same
             seed and inputs is the same.
+        audit: Is told every goal, trajectory and result.
 
     Raises:
         ParameterError: limits or the start pose do not fit the robot.
     """
 
-    def __init__(self, robot: Kinematics, params: MotionParams, seed: int | None = None) -> None:
+    def __init__(
+        self,
+        robot: Kinematics,
+        params: MotionParams,
+        seed: int | None = None,
+        audit: AuditSink | None = None,
+    ) -> None:
         self.robot = robot
-        self.params = params
-        self.limits = limits_from(robot, params.robot.acceleration_limits, params.robot.jerk_limits)
-        self._box = self.limits.box(params.robot.position_margin)
+        self.params = params = slowed(params)
+        self.limits = robot_limits(robot, params.robot)
+        self._audit = audit or NoAudit()
+        self._envelope = Envelope(params.safety, robot)
+        box = self.limits.box(params.robot.position_margin)
         # Pinocchio's data is not safe to share with a thread that plans.
-        own = Kinematics(robot.urdf, robot.joint_names, robot.base_frame, robot.tip_frame)
-        self._planner = Planner(own, self.limits, params)
+        self._planner = Planner(_twin(robot), self.limits, params)
         # Of a held part nobody knows what is scene: steps keep clear of table and arm alone.
-        self._bare = CollisionChecker(
-            Kinematics(robot.urdf, robot.joint_names, robot.base_frame, robot.tip_frame),
+        bare = CollisionChecker(
+            _twin(robot),
             Margins(self_collision=0.0, table=0.003),
             table_height=params.collision.table_height,
+            workspace=workspace(params.safety),
         )
-        self._follower = ToolFollower(robot, self.limits, self._box, params.planning.tilt_slack)
+        follower = ToolFollower(robot, self.limits, box, params.planning.tilt_slack)
+        self._factory = MotionFactory(robot, self.limits, follower, bare, params)
         self._seed = params.seed if seed is None else seed
         self._motions = 0
         self._commander = Commander()
@@ -150,7 +161,8 @@ class MotionExecutor:
         """Check and plan a goal; may take a second, moves nothing, and is safe in one other thread.
 
         Raises:
-            MotionRejectedError: the goal is malformed, or another motion is running.
+            MotionRejectedError: the goal is malformed, outside the envelope, or another motion is
+                running.
         """
         if self.busy:
             raise MotionRejectedError(
@@ -158,6 +170,7 @@ class MotionExecutor:
                 hint="wait for its result, or stop it first",
             )
         checked = checked_goal(goal)
+        self._envelope.check_goal(checked)
         rng = np.random.default_rng([self._seed, self._motions])
         start = np.array(observation.positions, dtype=float)
         planned = None
@@ -173,10 +186,12 @@ class MotionExecutor:
         """Begin a prepared motion from where the arm stands.
 
         Raises:
-            MotionRejectedError: another motion is running.
+            MotionRejectedError: another motion is running, or a stop is latched.
         """
         if self.busy:
             raise MotionRejectedError("cannot begin: another motion is running")
+        self._envelope.check_goal(prepared.goal)
+        self._audit.write("goal", observation.time, goal_entry(prepared.goal))
         self._motions += 1
         self._stop_request = self._last_request = None
         kind = prepared.goal.kind
@@ -190,7 +205,8 @@ class MotionExecutor:
             self._stop_request = Ending(MotionReason.REJECTED, message)
             return
         try:
-            outcome = self._create(prepared, observation)
+            start = self._commander.state(observation.time)
+            outcome = self._factory.create(prepared, observation, start)
         except MotionRejectedError as error:
             outcome = Ending(MotionReason.REJECTED, str(error))
         if isinstance(outcome, Ending):
@@ -217,17 +233,56 @@ class MotionExecutor:
         if self._running is None:
             ending = self._stop_request or Ending(MotionReason.REJECTED, "nothing to do")
             return self._finish(recorder, ending, 0.0, observation)
+        problem = self._envelope.watch(observation, commanded)
+        if problem is not None and self._last_request is None:
+            self._stop_request = self._last_request = problem
+        stopping = self._stop_request is not None
         if self._stop_request is not None:
             request, self._stop_request = self._stop_request, None
             step = self._running.stop(now, commanded, request)
         else:
             step = self._running.tick(now, commanded, observation)
-        fraction = self._running.fraction
-        if step.trajectory is not None:
-            self._commander.issue(step.trajectory, now)
+        if step.trajectory is not None and not stopping and self._last_request is None:
+            outside = self._envelope.leaves(step.trajectory, commanded)
+            if outside:
+                self._last_request = Ending(MotionReason.UNREACHABLE, outside)
+                step = self._running.stop(now, commanded, self._last_request)
+        return self._send(recorder, step, self._running.fraction, observation)
+
+    def _send(
+        self, recorder: Recorder, step: Step, fraction: float, observation: RobotObservation
+    ) -> MotionUpdate:
+        """Give out what a step came to; in a dry run, show it instead."""
+        now, trajectory = observation.time, step.trajectory
+        dry = self.params.safety.dry_run
+        if trajectory is not None:
+            self._audit.write("trajectory", now, trajectory_entry(trajectory, shown=dry))
+        if trajectory is not None and dry:
+            message = f"dry run: planned {trajectory.times[-1]:.1f} s, nothing moved"
+            ending = Ending(MotionReason.STOPPED, message)
+            return replace(self._finish(recorder, ending, 0.0, observation), shown=trajectory)
+        if trajectory is not None:
+            self._commander.issue(trajectory, now)
         if step.ending is not None:
-            return self._finish(recorder, step.ending, fraction, observation, step.trajectory)
-        return MotionUpdate(step.trajectory, fraction)
+            return self._finish(recorder, step.ending, fraction, observation, trajectory)
+        return MotionUpdate(trajectory, fraction)
+
+    @property
+    def latched(self) -> str:
+        """Why nothing may move until `release`; empty if it may."""
+        return self._envelope.latched
+
+    def halt(self, why: str, now: float) -> bool:
+        """Stop, and let nothing move until `release`; whether something was moving."""
+        self._envelope.latch(why)
+        self._audit.write("halt", now, {"why": why})
+        return self.stop(MotionReason.STOPPED, f"{why}; latched until motion/release")
+
+    def release(self, now: float) -> str:
+        """Let motion begin again; returns what had stopped it, empty if nothing had."""
+        why = self._envelope.release()
+        self._audit.write("release", now, {"why": why})
+        return why
 
     def abandon(self, observation: RobotObservation) -> MotionResult:
         """End the running motion now, although the arm may not rest yet; for frozen clocks.
@@ -257,6 +312,7 @@ class MotionExecutor:
         trajectory: JointTrajectory | None = None,
     ) -> MotionUpdate:
         result = recorder.result(ending, fraction, observation)
+        self._audit.write("result", observation.time, result_entry(result))
         self._recorder = None
         self._running = None
         self._stop_request = None
@@ -288,86 +344,3 @@ class MotionExecutor:
         self._commanded_once = True
         self._commander.reset(measured)
         return False
-
-    def _create(self, prepared: Prepared, seen: RobotObservation) -> RunningMotion | Ending:
-        goal = prepared.goal
-        if goal.kind in (MotionKind.APPROACH, MotionKind.RETREAT):
-            return self._joint_motion(goal.kind, prepared.planned)
-        if seen.wrench is None:
-            message = "no external wrench has been measured; guarded motions need it"
-            return Ending(MotionReason.STALE_INPUT, message)
-        if goal.direction is None:
-            raise MotionRejectedError("the goal has no direction")
-        if goal.kind is MotionKind.PROBE:
-            return self._probe(goal, goal.direction, seen)
-        return self._flow_step(goal, goal.direction, seen)
-
-    def _joint_motion(
-        self, kind: MotionKind, planned: PlannedMotion | None
-    ) -> RunningMotion | Ending:
-        if planned is None or planned.trajectory is None:
-            reason = MotionReason.REJECTED if planned is None else planned.reason
-            return Ending(reason, "" if planned is None else planned.message)
-        retreating = kind is MotionKind.RETREAT
-        return JointMotion(
-            planned.trajectory,
-            self.limits,
-            self.params.approach.force_limit,
-            force_grace=0.5 if retreating else 0.0,
-            note=planned.message,
-            released=retreating,
-        )
-
-    def _probe(self, goal: MotionGoal, direction: Array, seen: RobotObservation) -> RunningMotion:
-        params = self.params.probe
-        distance = goal.distance or params.max_distance
-        start = self._commander.state(seen.time)
-        tip = self.robot.tip(start.position)
-        travel = travel_direction(tip.axis, direction)
-        line = tool_line(tip, travel, distance, tip.axis, 0.0)
-        reference, rollout = self._follower.plan(line, Bounds(params.free_speed), start)
-        still = replace(reference)
-        still.redirect(0.0, 0.0, Bounds(params.speed))
-        return Probe(self._follower, still, rollout, distance, params, seen.time)
-
-    def _clear_of_table(
-        self, reference: Reference, rollout: Rollout, speed: float, start: JointState
-    ) -> tuple[Reference, Rollout]:
-        """The step, shortened to where the arm would touch the table or itself."""
-        if rollout.trajectory is None or not self._bare.free(start.position):
-            return reference, rollout
-        positions = rollout.trajectory.positions
-        free = self._bare.free_count(positions)
-        if free == len(positions):
-            return reference, rollout
-        touch = f"the arm would touch: {self._bare.touch(positions[free])}"
-        way = float(reference.travel(float(rollout.trajectory.times[free])).position[0])
-        length = way - _TOUCH_DISTANCE
-        if length < _TOUCH_DISTANCE:
-            return reference, Rollout(None, 0.0, MotionReason.COLLISION.value, touch)
-        shorter = replace(reference.line, length=length)
-        reference, rollout = self._follower.plan(shorter, Bounds(speed), start)
-        return reference, replace(rollout, problem=MotionReason.COLLISION.value, detail=touch)
-
-    def _flow_step(
-        self, goal: MotionGoal, direction: Array, seen: RobotObservation
-    ) -> RunningMotion | Ending:
-        params = self.params.flow_step
-        if not seen.vacuum:
-            return Ending(MotionReason.SUCTION_LOST, "the cup holds nothing; probe first")
-        distance = goal.distance or params.distance
-        start = self._commander.state(seen.time)
-        tip = self.robot.tip(start.position)
-        plans = []
-        for axis in led_axes(tip.axis, direction, params.lead, params.max_lead):
-            line = tool_line(tip, direction, distance, axis, distance * params.realign_part)
-            plans.append(self._follower.plan(line, Bounds(params.speed), start))
-            if plans[-1][1].travel > _ENOUGH * distance:
-                break
-        reference, rollout = max(plans, key=lambda plan: plan[1].travel)
-        reference, rollout = self._clear_of_table(reference, rollout, params.speed, start)
-        if rollout.trajectory is None:
-            problem = rollout.problem or "singularity"
-            message = f"the arm cannot follow the flow: {rollout.detail}"
-            return Ending(MotionReason(problem), message)
-        return FlowStep(self.robot, self._follower, reference, rollout, distance, params, seen.time)

@@ -31,7 +31,9 @@ class RobotInputs:
         joint_names: The order of all joint vectors.
         base_frame: Frame that clouds and wrenches must be in.
         watch_nodes: Nodes whose heartbeat is watched as well.
-        timeout: Silence on the steady clock that counts as stale [s].
+        ready_nodes: Those of them that must also say that they are ready.
+        timeout: Silence of nodes and suction on the steady clock that counts as stale [s].
+        input_timeout: Silence of joint states and wrench that counts as stale [s].
     """
 
     def __init__(
@@ -39,13 +41,18 @@ class RobotInputs:
         node: Node,
         joint_names: Sequence[str],
         base_frame: str,
+        *,
         watch_nodes: Sequence[str],
+        ready_nodes: Sequence[str],
         timeout: float,
+        input_timeout: float,
     ) -> None:
         self._node = node
         self._names = tuple(joint_names)
         self._base_frame = base_frame
-        self._silence = Silence(timeout)
+        self._silence = Silence(input_timeout)
+        self._suction_silence = Silence(timeout)
+        self._ready = frozenset(ready_nodes)
         self._peers = PeerWatch(node, watch_nodes, timeout)
         self._positions: Array | None = None
         self._velocities: Array = np.zeros(len(self._names))
@@ -79,18 +86,21 @@ class RobotInputs:
         Args:
             guarded: The motion needs wrench and suction state, too.
         """
-        wanted = [JOINT_STATES, WRENCH, SUCTION] if guarded else [JOINT_STATES]
         parts = []
-        for name in self._silence.silent(wanted):
-            age = self._silence.age(name)
-            parts.append(f"no {name} yet" if np.isinf(age) else f"no {name} for {age:.1f} s")
+        for silence, names in (
+            (self._silence, [JOINT_STATES, WRENCH] if guarded else [JOINT_STATES]),
+            (self._suction_silence, [SUCTION] if guarded else []),
+        ):
+            for name in silence.silent(names):
+                age = silence.age(name)
+                parts.append(f"no {name} yet" if np.isinf(age) else f"no {name} for {age:.1f} s")
         parts += [f"{name} {problem}" for name, problem in self._lost_peers().items()]
         return ", ".join(parts)
 
     def _lost_peers(self) -> dict[str, str]:
-        """Watched nodes that are silent; those that only say they are not ready do not count."""
-        silent = set(self._peers.silent())
-        return {name: text for name, text in self._peers.missing().items() if name in silent}
+        """Watched nodes that are silent, and of the arm's nodes those that are not ready."""
+        stopping = set(self._peers.silent()) | self._ready
+        return {name: text for name, text in self._peers.missing().items() if name in stopping}
 
     def _on_joints(self, message: JointState) -> None:
         try:
@@ -110,7 +120,7 @@ class RobotInputs:
     def _on_suction(self, message: SuctionState) -> None:
         self._vacuum = message.state == SuctionState.HOLDING
         self._vacuum_lost = message.state == SuctionState.LOST
-        self._silence.heard(SUCTION, time.monotonic())
+        self._suction_silence.heard(SUCTION, time.monotonic())
 
     def _on_cloud(self, message: PointCloud2) -> None:
         if message.header.frame_id != self._base_frame:

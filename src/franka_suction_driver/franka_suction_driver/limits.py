@@ -12,6 +12,7 @@ from flowbothd_common.motion import JointTrajectory
 from flowbothd_common.types import Array
 from franka_suction_driver.inverse_kinematics import PositionBox
 from franka_suction_driver.kinematics import Kinematics
+from franka_suction_driver.params import RobotParams
 
 
 @dataclass(frozen=True)
@@ -116,6 +117,8 @@ def limits_from(
     jerk: Sequence[float],
     *,
     velocity: Sequence[float] = (),
+    lower: Sequence[float] = (),
+    upper: Sequence[float] = (),
 ) -> JointLimits:
     """Limits with positions and velocities of the robot description and the rest as given.
 
@@ -124,24 +127,43 @@ def limits_from(
         acceleration: J values [rad/s^2]; a URDF has no place for them.
         jerk: J values [rad/s^3].
         velocity: J values [rad/s] instead of the description's, or empty.
+        lower: J values [rad] instead of the description's, or empty.
+        upper: J values [rad] instead of the description's, or empty.
 
     Raises:
         ParameterError: not one positive value per joint.
     """
     model = kinematics.model
 
-    def per_joint(name: str, values: Sequence[float]) -> Array:
+    def per_joint(name: str, values: Sequence[float], default: Array | None = None) -> Array:
+        if default is not None and not len(values):
+            return np.array(default)
         if len(values) != kinematics.dof:
             raise ParameterError(
                 f"joint {name} limits", got=list(values), allowed=f"{kinematics.dof} values"
             )
         return np.array(values, dtype=float)
 
-    speeds = velocity if len(velocity) else model.upperVelocityLimit.tolist()
     return JointLimits(
-        lower=np.array(model.lowerPositionLimit),
-        upper=np.array(model.upperPositionLimit),
-        velocity=per_joint("velocity", speeds),
+        lower=per_joint("lower position", lower, model.lowerPositionLimit),
+        upper=per_joint("upper position", upper, model.upperPositionLimit),
+        velocity=per_joint("velocity", velocity, model.upperVelocityLimit),
         acceleration=per_joint("acceleration", acceleration),
         jerk=per_joint("jerk", jerk),
+    )
+
+
+def robot_limits(kinematics: Kinematics, params: RobotParams) -> JointLimits:
+    """The limits that the parameters name; what they leave open comes from the description.
+
+    Raises:
+        ParameterError: not one positive value per joint.
+    """
+    return limits_from(
+        kinematics,
+        params.acceleration_limits,
+        params.jerk_limits,
+        velocity=params.velocity_limits,
+        lower=params.lower_limits,
+        upper=params.upper_limits,
     )

@@ -10,7 +10,6 @@ from typing import Any
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from std_msgs.msg import String
-from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
 from flowbothd_common.errors import FlowBotError, MotionRejectedError
@@ -29,9 +28,11 @@ from flowbothd_common.ros.node_main import run_node
 from flowbothd_common.ros.parameters import declare
 from franka_suction_driver.actions_ros import ActiveGoal, MotionActions
 from franka_suction_driver.description import read_description
-from franka_suction_driver.executor import MotionExecutor, Prepared, make_kinematics
+from franka_suction_driver.executor import MotionExecutor, make_kinematics
 from franka_suction_driver.inputs_ros import RobotInputs
+from franka_suction_driver.motion_factory import Prepared
 from franka_suction_driver.params import MotionNodeParams
+from franka_suction_driver.safety_ros import SafetyServices, open_audit
 
 _FEEDBACK_PERIOD = 0.1
 _BRAKE_TIME = 1.0
@@ -45,13 +46,16 @@ class MotionNode(Node):
         self._params = declare(self, MotionNodeParams)
         robot = self._params.robot
         kinematics = make_kinematics(self._params, read_description(robot.description_file))
-        self._core = MotionExecutor(kinematics, self._params)
+        self._audit = open_audit(self._params.safety)
+        self._core = MotionExecutor(kinematics, self._params, audit=self._audit)
         self._inputs = RobotInputs(
             self,
             robot.joint_names,
             robot.base_frame,
-            self._params.watch_nodes,
-            self._params.watch_timeout,
+            watch_nodes=self._params.watch_nodes,
+            ready_nodes=self._params.ready_nodes,
+            timeout=self._params.watch_timeout,
+            input_timeout=self._params.input_timeout,
         )
         self._goal: ActiveGoal | None = None
         self._planning: Future[Prepared] | None = None
@@ -63,7 +67,7 @@ class MotionNode(Node):
         self._description = self.create_publisher(String, "robot_description", qos.LATCHED)
         self._description.publish(String(data=kinematics.urdf))
         self._actions = MotionActions(self, robot.base_frame, self._accept, self._on_cancel)
-        self.create_service(Trigger, "motion/stop", self._on_stop)
+        self._safety = SafetyServices(self, self._core, self._stop)
         self._heartbeat = MotionHeartbeat(self)
         self._status = NodeStatus(self)
         # Runs on when simulated time stands still, to notice that it does.
@@ -76,6 +80,8 @@ class MotionNode(Node):
         self._status.close()
         self._planner.shutdown(wait=True, cancel_futures=True)
         self._actions.destroy()
+        if self._audit is not None:
+            self._audit.close()
         super().destroy_node()
 
     def _accept(self, goal: ActiveGoal) -> None:
@@ -117,8 +123,10 @@ class MotionNode(Node):
 
     def _on_timer(self) -> None:
         stale = self._inputs.stale(guarded=False)
-        level = ERROR if stale else OK
-        self._status.report(level, stale or "ready to move", {"moving": self._goal is not None})
+        latched = self._core.latched and f"stopped until motion/release: {self._core.latched}"
+        trouble = stale or latched
+        level = ERROR if trouble else OK
+        self._status.report(level, trouble or "ready to move", {"moving": self._goal is not None})
         seen = self._inputs.observation()
         if self._goal is None or seen is None:
             return
@@ -135,6 +143,8 @@ class MotionNode(Node):
         update = self._core.tick(seen)
         if update.trajectory is not None:
             self._trajectory.publish(to_trajectory(update.trajectory))
+        if update.shown is not None:
+            self._safety.show(update.shown)
         result = update.result
         # With the simulation gone its time stands still, and no braking ever ends.
         if result is None and self._give_up_at is not None and _late(self._give_up_at):
@@ -174,12 +184,6 @@ class MotionNode(Node):
             return False
         self._stop("the goal was cancelled")
         return True
-
-    def _on_stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.success = True
-        stopped = self._stop("stopped by the stop service")
-        response.message = "stopping" if stopped else "nothing was moving"
-        return response
 
 
 def _late(deadline: float) -> bool:

@@ -26,6 +26,15 @@ class RobotParams:
         (0.0, -pi / 4, 0.0, -3 * pi / 4, 0.0, pi / 2, pi / 4),
         "Joint positions that Retreat returns to [rad]",
     )
+    lower_limits: tuple[float, ...] = parameter(
+        (), "Lowest joint positions [rad]; empty = the description's", element=float
+    )
+    upper_limits: tuple[float, ...] = parameter(
+        (), "Highest joint positions [rad]; empty = the description's", element=float
+    )
+    velocity_limits: tuple[float, ...] = parameter(
+        (), "Largest joint velocities [rad/s]; empty = the description's", element=float
+    )
     acceleration_limits: tuple[float, ...] = parameter(
         _FER, "Largest joint accelerations [rad/s^2]", minimum=0.01
     )
@@ -37,7 +46,7 @@ class RobotParams:
     )
     speed_scale: float = parameter(
         0.5,
-        "Approach and Retreat: joint speed as a part of the limits",
+        "Approach and Retreat: joint speed as a part of the limits, before safety.speed_scale",
         minimum=0.01,
         maximum=1.0,
     )
@@ -159,6 +168,54 @@ class FlowStepParams:
 
 
 @dataclass(frozen=True)
+class SafetyParams:
+    """The envelope around all motion: what a stranger's robot is moved within.
+
+    The simulation has its own, wider one (flowbothd_bringup, config/sim.yaml).
+    """
+
+    speed_scale: float = parameter(
+        0.1, "Part of all speeds, of joints and of the tool", minimum=0.01, maximum=1.0
+    )
+    workspace_min: tuple[float, ...] = parameter(
+        (-0.2, -0.8, 0.0), "Low corner of the box that the tip stays in, in base [m]", length=3
+    )
+    workspace_max: tuple[float, ...] = parameter(
+        (1.0, 0.8, 1.1), "High corner of the box that the tip stays in, in base [m]", length=3
+    )
+    force_limit: float = parameter(
+        40.0,
+        "Force on the tool that stops any motion and latches the stop; to be below the robot's own "
+        "reflex [N]",
+        minimum=1.0,
+    )
+    lag_limit: float = parameter(
+        0.15,
+        "Distance between command and measurement that tells that nothing follows [rad]",
+        minimum=0.01,
+    )
+    slow_conditioning: float = parameter(
+        0.08,
+        "Smallest singular value of the tool's Jacobian below which the tool slows down, in "
+        "proportion; 0 = never [m/rad]",
+        minimum=0.0,
+    )
+    slow_margin: float = parameter(
+        0.12,
+        "Distance of a joint from its limit below which the tool slows down, in proportion; "
+        "0 = never [rad]",
+        minimum=0.0,
+    )
+    dry_run: bool = parameter(False, "Plan and show, but never move")
+    audit_log: str = parameter(
+        "", "File that every commanded motion is written to, one JSON object a line; empty = none"
+    )
+    audit_size: int = parameter(
+        10_000_000, "Size at which the audit log is rotated, ten files are kept [B]", minimum=10_000
+    )
+
+
+@dataclass(frozen=True)
 class MotionParams:
     """Parameters of the motion core."""
 
@@ -168,6 +225,7 @@ class MotionParams:
     approach: ApproachParams = field(default_factory=ApproachParams)
     probe: ProbeParams = field(default_factory=ProbeParams)
     flow_step: FlowStepParams = field(default_factory=FlowStepParams)
+    safety: SafetyParams = field(default_factory=SafetyParams)
     seed: int = parameter(0, "Seed of all random choices in planning", minimum=0)
 
 
@@ -180,7 +238,20 @@ class MotionNodeParams(MotionParams):
         (), "Nodes whose silent heartbeat stops the arm", element=str
     )
     watch_timeout: float = parameter(
-        0.5, "Silence on the steady clock that stops the arm [s]", minimum=0.05, maximum=10.0
+        0.7,
+        "Silence of a watched node or of suction/state, on the steady clock, that stops the arm; "
+        "they speak at 5 and 20 Hz [s]",
+        minimum=0.05,
+        maximum=10.0,
+    )
+    input_timeout: float = parameter(
+        0.1,
+        "Silence of joint_states or external_wrench, on the steady clock, that stops the arm [s]",
+        minimum=0.02,
+        maximum=10.0,
+    )
+    ready_nodes: tuple[str, ...] = parameter(
+        (), "Those of watch_nodes that must also say that they are ready: the arm's", element=str
     )
     camera_position: tuple[float, ...] = parameter(
         (),

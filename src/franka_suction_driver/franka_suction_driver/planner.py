@@ -15,6 +15,7 @@ from flowbothd_common.transforms import rotation_about, unit
 from flowbothd_common.types import Array, JointArc
 from franka_suction_driver.collision import Box, CollisionChecker, Margins
 from franka_suction_driver.continuation import ToolPoses, moving_part, opening_poses
+from franka_suction_driver.envelope import workspace
 from franka_suction_driver.escape import TOOL_LINKS, escape, leaves_and_stays_free
 from franka_suction_driver.inverse_kinematics import PositionBox, follow, solve
 from franka_suction_driver.joint_path import SmoothPath, stop_and_go
@@ -82,6 +83,7 @@ class Planner:
             margins,
             table_height=params.collision.table_height,
             cell=params.collision.obstacle_cell,
+            workspace=workspace(params.safety),
         )
         self._box: PositionBox = limits.box(params.robot.position_margin)
 

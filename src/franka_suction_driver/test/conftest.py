@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from flowbothd_common.motion import JointTrajectory, MotionGoal, MotionResult, RobotObservation
+from flowbothd_common.parameters import build
 from franka_suction_driver.executor import MotionExecutor, make_kinematics
 from franka_suction_driver.kinematics import Kinematics
 from franka_suction_driver.limits import JointLimits, limits_from
@@ -21,6 +22,21 @@ Force = Callable[[np.ndarray], np.ndarray]
 @pytest.fixture(scope="session")
 def robot() -> Kinematics:
     return make_kinematics(MotionParams())
+
+
+@pytest.fixture(scope="session")
+def motion_params() -> MotionParams:
+    """Parameters without the envelope's caution: full speed, no box, the motions' own guards."""
+    safety = {
+        "speed_scale": 1.0,
+        "workspace_min": (-5.0,) * 3,
+        "workspace_max": (5.0,) * 3,
+        "force_limit": 1e4,
+        "lag_limit": 1.0,
+        "slow_conditioning": 0.0,
+        "slow_margin": 0.0,
+    }
+    return build(MotionParams, {f"safety.{name}": value for name, value in safety.items()})
 
 
 @pytest.fixture(scope="session")

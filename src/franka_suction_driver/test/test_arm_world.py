@@ -70,7 +70,9 @@ class Opener:
 
 @pytest.mark.parametrize("mode", ["pull_left", "pull_right", "push_left", "push_right"])
 @pytest.mark.parametrize("seed", [0, 1])
-def test_the_door_opens_in_every_mode_from_one_pose(mode: str, seed: int) -> None:
+def test_the_door_opens_in_every_mode_from_one_pose(
+    mode: str, seed: int, motion_params: MotionParams
+) -> None:
     from sim_bridge.objects.registry import load_object
     from sim_bridge.world import ArmWorld
 
@@ -84,7 +86,7 @@ def test_the_door_opens_in_every_mode_from_one_pose(mode: str, seed: int) -> Non
     contact = apply(POSE, local + rng.normal(size=3) * [0.002, 0.005, 0.005])
     arc = JointArc(ArcKind.ARC, POSE[:3, :3] @ joint.axis, apply(POSE, np.asarray(joint.point)))
     urdf = compose_urdf()
-    params = MotionParams()
+    params = motion_params
     with ArmWorld(urdf, model, POSE) as world:
         opener = Opener(world, MotionExecutor(make_kinematics(params, urdf), params, seed))
         closed = surface(model, POSE, world.object_positions(), list(model.links))

@@ -23,8 +23,8 @@ STIFFNESS = 3000.0
 
 
 @pytest.fixture
-def executor(robot: Kinematics) -> MotionExecutor:
-    return MotionExecutor(robot, MotionParams(), seed=1)
+def executor(robot: Kinematics, motion_params: MotionParams) -> MotionExecutor:
+    return MotionExecutor(robot, motion_params, seed=1)
 
 
 @pytest.fixture
@@ -329,12 +329,14 @@ def test_an_unexpected_contact_stops_a_free_motion(
     assert not arm.state.velocity.any()
 
 
-def test_equal_seeds_move_equally(robot: Kinematics, make_arm: Callable) -> None:
+def test_equal_seeds_move_equally(
+    robot: Kinematics, make_arm: Callable, motion_params: MotionParams
+) -> None:
     goal = MotionGoal(MotionKind.APPROACH, np.array([0.5, -0.2, 0.3]), np.array([0, 1.0, 0]))
     ends = []
     for _ in range(2):
         arm = make_arm(START)
-        arm.run(MotionExecutor(robot, MotionParams(), seed=4), goal)
+        arm.run(MotionExecutor(robot, motion_params, seed=4), goal)
         ends.append(np.concatenate([t.positions for _, _, t in arm.issued]))
     np.testing.assert_array_equal(ends[0], ends[1])
 

@@ -179,7 +179,7 @@ def motion(ros: Any):
     from franka_suction_driver.motion_node import MotionNode
 
     bridge = ros.add(make_bridge())
-    node = ros.add(MotionNode, robot__speed_scale=1.0)
+    node = ros.add(MotionNode, robot__speed_scale=1.0, safety__speed_scale=1.0, input_timeout=0.5)
     clients = {
         "approach": ActionClient(bridge, Approach, "motion/approach"),
         "probe": ActionClient(bridge, Probe, "motion/probe"),
@@ -258,7 +258,8 @@ def test_malformed_goals_are_refused_in_words(ros: Any, motion: Any) -> None:
         "without a direction": approach_goal(direction=Vector3()),
         "not finite": approach_goal(contact=Point(x=float("nan"))),
         "got map; allowed: panda_link0": approach_goal(header=Header(frame_id="map")),
-        "no joint configuration": approach_goal(contact=Point(x=3.0)),
+        "outside the workspace box": approach_goal(contact=Point(x=3.0)),
+        "no joint configuration": approach_goal(contact=Point(x=0.99, y=0.79, z=0.1)),
     }
     for words, goal in cases.items():
         _, future = ros.send(clients["approach"], goal)
@@ -275,7 +276,13 @@ def test_a_watched_node_that_falls_silent_stops_the_motion(ros: Any) -> None:
     from franka_suction_driver.motion_node import MotionNode
 
     bridge = ros.add(make_bridge())
-    node = ros.add(MotionNode, robot__speed_scale=0.3, watch_nodes=["bridge"])
+    node = ros.add(
+        MotionNode,
+        robot__speed_scale=0.3,
+        safety__speed_scale=1.0,
+        input_timeout=0.5,
+        watch_nodes=["bridge"],
+    )
     client = ActionClient(bridge, Approach, "motion/approach")
     beat = HeartbeatPublisher(bridge)
     ros.until(lambda: not node._inputs.stale(guarded=True), "heartbeat and inputs")

@@ -13,13 +13,12 @@ from trajectory_msgs.msg import JointTrajectory
 from flowbothd_common.errors import FlowBotError
 from flowbothd_common.ros import qos
 from flowbothd_common.ros.clouds import XYZ, from_cloud_message, to_flow_message
-from flowbothd_common.ros.conversions import from_pose, to_pose, to_seconds
+from flowbothd_common.ros.conversions import from_pose, from_trajectory, to_pose, to_seconds
 from flowbothd_common.ros.diagnostics import ERROR, OK, WARN, NodeStatus
 from flowbothd_common.ros.node_main import run_node
 from flowbothd_common.ros.parameters import declare
 from flowbothd_interfaces.msg import SuctionCommand
 from flowbothd_interfaces.srv import GroundTruthFlow, ResetSim
-from sim_bridge.messages_ros import from_trajectory
 from sim_bridge.outputs_ros import BridgeOutputs
 from sim_bridge.pacing import Pacer, Watchdog
 from sim_bridge.params import BridgeParams

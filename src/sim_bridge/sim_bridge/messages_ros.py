@@ -1,4 +1,4 @@
-"""Messages of the bridge: images, camera info, organised clouds, trajectories."""
+"""Messages of the bridge's camera: images, camera info, organised clouds."""
 
 from __future__ import annotations
 
@@ -8,10 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 from sensor_msgs.msg import CameraInfo, Image, PointCloud2, PointField
 from std_msgs.msg import Header
-from trajectory_msgs.msg import JointTrajectory as JointTrajectoryMessage
 
-from flowbothd_common.motion import JointTrajectory
-from flowbothd_common.ros.conversions import to_seconds
 from sim_bridge.camera import Intrinsics
 
 
@@ -77,22 +74,3 @@ class CameraMessages:
             data=self._cloud,
             is_dense=False,
         )
-
-
-def from_trajectory(message: JointTrajectoryMessage) -> JointTrajectory:
-    """Trajectory of a message; rows that are not all given become arrays of size 0."""
-    points = message.points
-
-    def rows(name: str) -> NDArray[np.float64]:
-        values = [list(getattr(point, name)) for point in points]
-        lengths = {len(row) for row in values}
-        # Ragged rows keep a shape that matches nothing: the follower then says what is wrong.
-        return np.array(values) if len(lengths) == 1 else np.full((len(values), 0), np.nan)
-
-    return JointTrajectory(
-        tuple(message.joint_names),
-        np.array([to_seconds(point.time_from_start) for point in points]),
-        rows("positions"),
-        rows("velocities"),
-        rows("accelerations"),
-    )

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
+from flowbothd_bringup.graph import sim_motion_params
 from flowbothd_bringup.record import RunRecord, StateSample, motion_entry
 from flowbothd_bringup.rollout.driver import PolicyDriver
 from flowbothd_bringup.scenes import Scene
@@ -20,7 +21,7 @@ from flowbothd_policy.params import PolicyParams
 from flowbothd_policy.predictor import FlowPredictor
 from franka_suction_driver.description import compose_urdf
 from franka_suction_driver.executor import MotionExecutor, make_kinematics
-from franka_suction_driver.params import MotionParams, SuctionParams
+from franka_suction_driver.params import SuctionParams
 from franka_suction_driver.suction import SuctionMachine
 from sim_bridge.camera import DepthCamera
 from sim_bridge.depth_noise import DepthNoise
@@ -84,8 +85,8 @@ class ArmPolicyWorld:
     def _look(self) -> Cloud:
         """The object cloud now, which also becomes the obstacle."""
         image = self._camera.render(self._world.part_poses())
-        valid = image.depth > 0
-        points = self._camera.intrinsics.directions()[valid] * image.depth[valid][:, None]
+        # Organised, as from a camera; where nothing was measured the points are (0, 0, 0).
+        points = self._camera.intrinsics.directions() * image.depth[..., None]
         self._looks += 1
         positions, _ = self._world.joint_state()
         result = self._perception.process(
@@ -161,7 +162,7 @@ def arm_rollout(
     model = load_object(scene.object, mode=mode or None, seed=seed)
     urdf = compose_urdf()
     params = build(PolicyParams, {**scene.policy, **(policy or {}), "seed": seed})
-    motion = MotionParams()
+    motion = sim_motion_params()
     record = RunRecord(scene.name, model.mode, seed, str(predictor))
     with ArmWorld(urdf, model, scene.T_base_object) as world:
         camera = DepthCamera(world.parts(), scene.T_base_camera, noise=DepthNoise(), seed=seed)

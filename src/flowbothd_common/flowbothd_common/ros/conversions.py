@@ -195,3 +195,22 @@ def to_trajectory(trajectory: JointTrajectory) -> JointTrajectoryMessage:
             )
         )
     return message
+
+
+def from_trajectory(message: JointTrajectoryMessage) -> JointTrajectory:
+    """Trajectory of a message; rows that are not all given become arrays of size 0."""
+    points = message.points
+
+    def rows(name: str) -> Array:
+        values = [list(getattr(point, name)) for point in points]
+        lengths = {len(row) for row in values}
+        # Ragged rows keep a shape that matches nothing: whoever follows then says what is wrong.
+        return np.array(values) if len(lengths) == 1 else np.full((len(values), 0), np.nan)
+
+    return JointTrajectory(
+        tuple(message.joint_names),
+        np.array([to_seconds(point.time_from_start) for point in points]),
+        rows("positions"),
+        rows("velocities"),
+        rows("accelerations"),
+    )

@@ -186,4 +186,5 @@ class CobotPump:
                 bool(state.part_present),
                 bool(state.part_detached),
                 "the pump reports a device error (red): see its display" if red else self._trouble,
+                bool(state.in_control_range),
             )

@@ -1,0 +1,189 @@
+"""arm_node: what a robot's driver is to the topics; holds the arm when nobody beats."""
+
+from __future__ import annotations
+
+import sys
+import time
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
+from typing import Any
+
+from geometry_msgs.msg import WrenchStamped
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+from sensor_msgs.msg import JointState
+from std_msgs.msg import Header
+from std_srvs.srv import Trigger
+from trajectory_msgs.msg import JointTrajectory
+
+from flowbothd_common.errors import FlowBotError
+from flowbothd_common.motion import joint_order
+from flowbothd_common.ros import qos
+from flowbothd_common.ros.conversions import from_trajectory, to_wrench
+from flowbothd_common.ros.diagnostics import ERROR, OK, WARN, NodeStatus
+from flowbothd_common.ros.liveness import Silence
+from flowbothd_common.ros.node_main import run_node
+from flowbothd_common.ros.parameters import declare
+from franka_suction_driver.backend_params import ArmNodeParams
+from franka_suction_driver.backends.panda import PandaArm
+from franka_suction_driver.backends.protocol import ArmBackend, ArmState
+from franka_suction_driver.backends.recording import RecordingLibrary, RecordingRobot
+from franka_suction_driver.backends.topic_ros import TopicArm
+from franka_suction_driver.description import read_description
+from franka_suction_driver.executor import make_kinematics
+from franka_suction_driver.limits import robot_limits
+from franka_suction_driver.params import MotionParams
+
+_BEAT = "motion/heartbeat"
+
+
+class ArmNode(Node):
+    """Joint states and wrench out, trajectories in; a process of its own beside the planner."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__("arm_node", **kwargs)
+        self._params = declare(self, ArmNodeParams)
+        self._names = self._params.robot.joint_names
+        self._frame = self._params.robot.base_frame
+        self._backend = self._make_backend()
+        self._silence = Silence(self._params.heartbeat_timeout)
+        self._holding = True
+        self._trouble = "connecting to the robot"
+        self._refused = ""
+        self._connecting: Future[None] | None = None
+        self._connected = False
+        self._retry_at = 0.0
+        self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="arm")
+        if self._params.backend != "topic":
+            self._joints = self.create_publisher(JointState, "joint_states", qos.STATE)
+            self._wrench = self.create_publisher(WrenchStamped, "external_wrench", qos.STATE)
+        self.create_subscription(
+            JointTrajectory, "joint_trajectory", self._on_trajectory, qos.COMMAND
+        )
+        self.create_subscription(Header, _BEAT, lambda _: self._silence.heard(_BEAT), qos.HEARTBEAT)
+        self.create_service(Trigger, "arm/recover", self._on_recover)
+        self.create_service(Trigger, "arm/tare", self._on_tare)
+        self._status = NodeStatus(self)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(1.0 / self._params.rate, self._on_timer, clock=steady)
+
+    def destroy_node(self) -> None:
+        """Brake and disconnect, whatever ends the node."""
+        self._worker.shutdown(wait=True, cancel_futures=True)
+        self._backend.close()
+        self._status.close()
+        super().destroy_node()
+
+    def _make_backend(self) -> ArmBackend:
+        params = self._params
+        motion = MotionParams(robot=params.robot)
+        kinematics = make_kinematics(motion, read_description(params.robot.description_file))
+        limits = robot_limits(kinematics, params.robot)
+        if params.backend == "topic":
+            return TopicArm(self, self._names, limits, params.reject_lag)
+        if params.backend == "panda":
+            return PandaArm(kinematics, limits, params.panda)
+        robot = RecordingRobot(params.robot.start_positions)
+        # A wrench of exact zeros would mean a singularity.
+        robot.wrench[2] = 1e-6
+        address = replace(params.panda, robot_ip=params.panda.robot_ip or "recording")
+        return PandaArm(kinematics, limits, address, library=RecordingLibrary(robot))
+
+    def _on_timer(self) -> None:
+        if not self._connected and not self._connect():
+            self._status.report(ERROR, self._trouble)
+            return
+        silent = bool(self._silence.silent([_BEAT]))
+        if silent and not self._holding:
+            self._backend.hold()
+        self._holding = silent
+        state = self._backend.state()
+        if state is not None:
+            self._publish(state)
+        self._report(state)
+
+    def _connect(self) -> bool:
+        """Try in the background, again and again; whether the robot is connected."""
+        if self._connecting is None:
+            if time.monotonic() >= self._retry_at:
+                self._connecting = self._worker.submit(self._backend.connect)
+            return False
+        if not self._connecting.done():
+            return False
+        attempt, self._connecting = self._connecting, None
+        try:
+            attempt.result()
+        except FlowBotError as error:
+            self._trouble = str(error)
+            self._retry_at = time.monotonic() + self._params.reconnect_period
+            return False
+        self._connected = True
+        return True
+
+    def _publish(self, state: ArmState) -> None:
+        if self._params.backend == "topic":
+            return
+        header = Header(stamp=self.get_clock().now().to_msg(), frame_id=self._frame)
+        self._joints.publish(
+            JointState(
+                header=header,
+                name=list(self._names),
+                position=state.positions.tolist(),
+                velocity=state.velocities.tolist(),
+            )
+        )
+        # What is not known is not published: motion then stops for want of a wrench.
+        if state.wrench is not None:
+            self._wrench.publish(WrenchStamped(header=header, wrench=to_wrench(state.wrench)))
+
+    def _report(self, state: ArmState | None) -> None:
+        if state is None:
+            self._status.report(ERROR, "no joint states from the robot yet")
+        elif state.fault:
+            self._status.report(ERROR, state.fault)
+        elif self._holding:
+            self._status.report(WARN, f"{_BEAT} is silent: the arm holds")
+        elif self._refused:
+            self._status.report(WARN, f"refused a trajectory: {self._refused}")
+        else:
+            self._status.report(OK, f"following, backend {self._params.backend}")
+
+    def _on_trajectory(self, message: JointTrajectory) -> None:
+        trajectory = from_trajectory(message)
+        if not self._connected or self._holding:
+            self._refused = self._trouble if not self._connected else f"{_BEAT} is silent"
+        else:
+            try:
+                order = joint_order(self._names, trajectory.joint_names)
+                ordered = replace(
+                    trajectory,
+                    joint_names=self._names,
+                    positions=trajectory.positions[:, order],
+                    velocities=trajectory.velocities[:, order],
+                    accelerations=trajectory.accelerations[:, order],
+                )
+                self._refused = self._backend.follow(ordered)
+            except (KeyError, IndexError) as error:
+                self._refused = f"joints or rows are missing: {error}"
+        if self._refused:
+            self.get_logger().warning(f"joint_trajectory refused: {self._refused}")
+
+    def _on_recover(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.message = self._backend.recover() if self._connected else self._trouble
+        response.success = not response.message
+        self._refused = ""
+        return response
+
+    def _on_tare(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        response.message = self._backend.tare() if self._connected else self._trouble
+        response.success = not response.message
+        return response
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node."""
+    return run_node(ArmNode, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,127 @@
+"""A robot behind a JointTrajectoryController: trajectories by topic, watched by joint states."""
+
+from __future__ import annotations
+
+import time
+
+import numpy as np
+from rclpy.node import Node
+from sensor_msgs.msg import JointState as JointStateMessage
+from trajectory_msgs.msg import JointTrajectory as JointTrajectoryMessage
+
+from flowbothd_common.motion import JointTrajectory, joint_order
+from flowbothd_common.ros import qos
+from flowbothd_common.ros.conversions import to_trajectory
+from franka_suction_driver.backends.acceptance import objection
+from franka_suction_driver.backends.protocol import ArmState
+from franka_suction_driver.commander import Commander
+from franka_suction_driver.limits import JointLimits
+from franka_suction_driver.trajectory import joint_stop
+
+_PATIENCE = 0.3
+_SAME_PLACE = 0.02
+
+
+class TopicArm:
+    """ArmBackend over topics.
+
+    The controller rejects with a line in its own log, so that what became of a trajectory is read
+    from the joint states: an arm that does not follow its commands is a fault. The wrench is
+    whoever's who measures it; this backend has none.
+
+    Args:
+        node: Publishes `controller/joint_trajectory`, subscribes `joint_states`.
+        joint_names: The order of all joint vectors.
+        limits: What no trajectory may exceed.
+        reject_lag: Distance between command and joint state that counts as not following [rad].
+    """
+
+    def __init__(
+        self, node: Node, joint_names: tuple[str, ...], limits: JointLimits, reject_lag: float
+    ) -> None:
+        self._names, self._limits, self._reject_lag = joint_names, limits, reject_lag
+        self._commander = Commander()
+        self._state: ArmState | None = None
+        self._fault = ""
+        self._moving = False
+        self._behind_since: float | None = None
+        self._publisher = node.create_publisher(
+            JointTrajectoryMessage, "controller/joint_trajectory", qos.COMMAND
+        )
+        node.create_subscription(JointStateMessage, "joint_states", self._on_joints, qos.STATE)
+
+    def connect(self) -> None:
+        """Nothing to do: topics connect by themselves."""
+
+    def state(self) -> ArmState | None:
+        """The newest joint states, by name; None before the first."""
+        return self._state
+
+    def follow(self, trajectory: JointTrajectory) -> str:
+        """Pass a trajectory on with stamp 0, which controllers read as "start now"."""
+        if self._fault or self._state is None:
+            return self._fault or "no joint_states yet"
+        now = time.monotonic()
+        reason = objection(trajectory, self._limits, self._commander.state(now))
+        if not reason:
+            self._commander.issue(trajectory, now)
+            self._moving = True
+            self._publisher.publish(to_trajectory(trajectory))
+        return reason
+
+    def hold(self) -> None:
+        """Replace what runs by a short braking trajectory; an empty one would be an error."""
+        if self._state is None:
+            return
+        now = time.monotonic()
+        commanded = self._commander.state(now)
+        if commanded.velocity.any():
+            stop = joint_stop(self._names, commanded, self._limits)
+            self._commander.issue(stop, now)
+            self._publisher.publish(to_trajectory(stop))
+
+    def recover(self) -> str:
+        """Believe the joint states again; a driver's own recovery is the driver's."""
+        if self._state is None:
+            return "no joint_states yet"
+        self._fault, self._behind_since, self._moving = "", None, False
+        self._commander.reset(self._state.positions)
+        return ""
+
+    def tare(self) -> str:
+        """Not here: the wrench is somebody else's."""
+        return "the wrench comes from another driver: tare it there"
+
+    def close(self) -> None:
+        """Brake."""
+        self.hold()
+
+    def _on_joints(self, message: JointStateMessage) -> None:
+        try:
+            order = joint_order(self._names, message.name)
+        except KeyError:
+            return
+        positions = np.array(message.position)[order]
+        full = len(message.velocity) == len(message.name)
+        velocities = np.array(message.velocity)[order] if full else np.zeros(len(order))
+        self._state = ArmState(positions, velocities, None, self._fault)
+        self._watch(positions)
+
+    def _watch(self, positions: np.ndarray) -> None:
+        """Notice an arm that does not follow; one that rests may be moved by others."""
+        if not self._moving:
+            self._commander.reset(positions)
+            return
+        now = time.monotonic()
+        lag = float(np.abs(positions - self._commander.state(now).position).max())
+        if self._commander.finished(now) and lag < _SAME_PLACE:
+            self._moving = False
+        if lag <= self._reject_lag:
+            self._behind_since = None
+            return
+        self._behind_since = self._behind_since or now
+        if now - self._behind_since > _PATIENCE and not self._fault:
+            self._fault = (
+                f"the arm is {lag:.2f} rad off its command: the controller may have rejected the "
+                "trajectory, see its log; then call arm/recover"
+            )

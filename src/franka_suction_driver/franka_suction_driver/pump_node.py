@@ -1,0 +1,118 @@
+"""pump_node: the pump by topics, in a process of its own, since reading it blocks Python."""
+
+from __future__ import annotations
+
+import sys
+import time
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import replace
+from typing import Any
+
+from rclpy.clock import Clock, ClockType
+from rclpy.node import Node
+
+from flowbothd_common.errors import FlowBotError, SuctionError
+from flowbothd_common.ros import qos
+from flowbothd_common.ros.diagnostics import ERROR, OK, NodeStatus
+from flowbothd_common.ros.node_main import run_node
+from flowbothd_common.ros.parameters import declare
+from flowbothd_interfaces.msg import SuctionCommand, SuctionMeasurement
+from franka_suction_driver.backend_params import PumpNodeParams
+from franka_suction_driver.backends.cobot_pump import CobotPump
+from franka_suction_driver.backends.protocol import PumpBackend
+from franka_suction_driver.backends.recording import RecordingLibrary
+
+_RETRY = 5.0
+
+
+class PumpNode(Node):
+    """Topics `suction/command` in, `suction/measurement` out."""
+
+    def __init__(self, **kwargs: Any) -> None:
+        super().__init__("pump_node", **kwargs)
+        params = declare(self, PumpNodeParams)
+        self._pump: PumpBackend = _backend(params)
+        self._connecting: Future[None] | None = None
+        self._connected = False
+        self._trouble = "connecting to the pump"
+        self._refused = ""
+        self._retry_at = 0.0
+        self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="pump_connect")
+        self._measurement = self.create_publisher(
+            SuctionMeasurement, "suction/measurement", qos.STATE
+        )
+        self.create_subscription(SuctionCommand, "suction/command", self._on_command, qos.COMMAND)
+        self._status = NodeStatus(self)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        self.create_timer(1.0 / params.poll_rate, self._on_timer, clock=steady)
+
+    def destroy_node(self) -> None:
+        """Release and switch off, whatever ends the node."""
+        self._worker.shutdown(wait=True, cancel_futures=True)
+        self._pump.close()
+        self._status.close()
+        super().destroy_node()
+
+    def _on_command(self, message: SuctionCommand) -> None:
+        if not self._connected:
+            return
+        try:
+            self._pump.command(message.vacuum)
+            self._refused = ""
+        except SuctionError as error:
+            # Told as a fault, since nobody waits for an answer to a topic.
+            self._refused = str(error)
+
+    def _on_timer(self) -> None:
+        if not self._connected and not self._connect():
+            self._status.report(ERROR, self._trouble)
+            return
+        reading = self._pump.reading()
+        if reading is None:
+            self._status.report(ERROR, "no state of the pump yet")
+            return
+        fault = self._refused or reading.fault
+        message = SuctionMeasurement(
+            pressure=float(reading.pressure),
+            in_control_range=reading.in_control_range,
+            part_present=reading.part_present,
+            part_detached=reading.part_detached,
+            fault=bool(fault),
+            fault_message=fault,
+        )
+        message.header.stamp = self.get_clock().now().to_msg()
+        self._measurement.publish(message)
+        self._status.report(ERROR if fault else OK, fault or "pump connected")
+
+    def _connect(self) -> bool:
+        """Try in the background, again and again; whether the pump is connected."""
+        if self._connecting is None:
+            if time.monotonic() >= self._retry_at:
+                self._connecting = self._worker.submit(self._pump.connect)
+            return False
+        if not self._connecting.done():
+            return False
+        attempt, self._connecting = self._connecting, None
+        try:
+            attempt.result()
+        except FlowBotError as error:
+            self._trouble, self._retry_at = str(error), time.monotonic() + _RETRY
+            return False
+        self._connected = True
+        return True
+
+
+def _backend(params: PumpNodeParams) -> PumpBackend:
+    if params.backend == "recording":
+        address = params.robot_ip or "recording"
+        return CobotPump(replace(params, robot_ip=address), library=RecordingLibrary())
+    return CobotPump(params)
+
+
+def main(args: list[str] | None = None) -> int:
+    """Run the node."""
+    return run_node(PumpNode, args)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
