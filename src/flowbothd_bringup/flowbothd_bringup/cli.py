@@ -13,8 +13,8 @@ import os
 import sys
 from collections.abc import Sequence
 from dataclasses import dataclass
-from importlib.metadata import PackageNotFoundError, version
 
+from flowbothd_bringup.versions import versions
 from flowbothd_common.errors import FlowBotError
 
 
@@ -49,6 +49,16 @@ COMMANDS = (
         ("flowbothd up sim --object custom_door --start", "flowbothd up sim --object ~/8994"),
     ),
     Command(
+        "record",
+        "flowbothd_bringup.bags.record_command",
+        "record a running graph as a rosbag2 folder (mcap)",
+        (
+            "flowbothd record --out bags/kitchen",
+            "flowbothd record --profile all --domain 7",
+            "flowbothd record --recover bags/kitchen",
+        ),
+    ),
+    Command(
         "trials",
         "flowbothd_bringup.trials",
         "open objects many times in the stepped world and print the table of successes",
@@ -74,24 +84,20 @@ COMMANDS = (
     ),
 )
 
-_VERSIONS = ("flowbothd_bringup", "ros-rclpy", "numpy", "torch", "pin", "pybullet", "open3d-cpu")
 
+class _Version(argparse.Action):
+    """Prints versions and ends; looks them up only when asked."""
 
-def _version_text() -> str:
-    lines = []
-    for name in _VERSIONS:
-        try:
-            lines.append(f"{name} {version(name)}")
-        except PackageNotFoundError:
-            lines.append(f"{name} not installed as a Python package")
-    return "\n".join([*lines, f"Python {sys.version.split()[0]}"])
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        sys.stdout.write("".join(f"{name} {found}\n" for name, found in versions().items()))
+        parser.exit()
 
 
 def _parser(chosen: str | None) -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="flowbothd", description="Opens articulated objects that it has never seen."
     )
-    parser.add_argument("--version", action="version", version=_version_text())
+    parser.add_argument("--version", action=_Version, nargs=0, help="versions of what matters")
     groups = {"": parser.add_subparsers(dest="command", metavar="COMMAND", required=True)}
     for command in COMMANDS:
         first, _, second = command.name.partition(" ")

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import shutil
 import sys
 from pathlib import Path
 
+from flowbothd_bringup.bags.record_command import complete, recorder_process
 from flowbothd_bringup.environment import node_environment, own_domain
 from flowbothd_bringup.graph import (
     check_object,
@@ -43,7 +45,10 @@ def run(arguments: argparse.Namespace) -> int:
     for old in ("summary.json", "record.json"):
         (arguments.out / old).unlink(missing_ok=True)
     file = arguments.out / "parameters.yaml"
-    write_parameters(file, sim_parameters(scene, options))
+    bag = arguments.out / "bag"
+    shutil.rmtree(bag, ignore_errors=True)
+    recorder = {"recorder_node": {"out": str(bag)}}
+    write_parameters(file, sim_parameters(scene, options) | recorder)
     operator = NodeProcess(
         "operator",
         (
@@ -57,7 +62,9 @@ def run(arguments: argparse.Namespace) -> int:
         required=True,
     )
     domain = own_domain() if arguments.domain is None else arguments.domain
-    code = run_graph([*sim_processes(file, required=True), operator], node_environment(domain))
+    nodes = [*sim_processes(file, required=True), recorder_process(file), operator]
+    code = run_graph(nodes, node_environment(domain))
+    complete(bag)
     summary = arguments.out / "summary.json"
     if code in (0, 1) and summary.exists():
         # Only now: drawing would take the processor away from nodes that work in real time.

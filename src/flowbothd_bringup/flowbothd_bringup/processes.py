@@ -47,8 +47,12 @@ class _Graph(Manager):
             super().terminate()
 
     def _any_stopped(self) -> bool:
-        stopped = {name for name, p in self._processes.items() if p.get("returncode") is not None}
-        return self._ending or bool(stopped & self._required)
+        codes = {name: p.get("returncode") for name, p in self._processes.items()}
+        ended = [codes[name] for name in self._required if codes[name] is not None]
+        if ended and not self._ending:
+            # honcho keeps the status of whichever ended first, be it only a recorder.
+            self.returncode = ended[0]
+        return self._ending or bool(ended)
 
 
 def run_graph(processes: Sequence[NodeProcess], environment: dict[str, str]) -> int:
@@ -57,7 +61,8 @@ def run_graph(processes: Sequence[NodeProcess], environment: dict[str, str]) -> 
     Processes that do not stop on SIGTERM within five seconds are killed.
 
     Returns:
-        The exit status of the process that ended first, or 130 / 143 after a signal.
+        The exit status of the required process that ended first, otherwise of any; 130 / 143 after
+        a signal.
     """
     graph = _Graph(frozenset(p.name for p in processes if p.required))
     for process in processes:

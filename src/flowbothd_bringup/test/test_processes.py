@@ -75,6 +75,19 @@ def test_the_graph_ends_with_its_required_process_and_takes_its_status():
     assert "operator" in output
 
 
+def test_what_is_not_required_does_not_decide_the_status():
+    """A recorder that had failed made `flowbothd demo` say "not opened" of an open door."""
+    late = "import sys, time; time.sleep(1.5); sys.exit(7)"
+    graph = start(
+        [
+            ("recorder", [sys.executable, "-c", "import sys; sys.exit(1)"], False),
+            ("operator", [sys.executable, "-c", late], True),
+        ]
+    )
+    output, _ = graph.communicate(timeout=60)
+    assert graph.returncode == 7, output
+
+
 def test_a_dead_node_leaves_the_others_running():
     """Honcho alone would stop all of them, and nobody could see the arm hold."""
     graph = start([("a", SLEEP, False), ("b", SLEEP, False)])

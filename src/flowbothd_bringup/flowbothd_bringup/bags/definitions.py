@@ -9,6 +9,7 @@ from pathlib import Path
 _BUILT_IN = re.compile(r"(bool|byte|char|w?string|float(32|64)|u?int(8|16|32|64))$")
 _FIELD = re.compile(r"^\s*([A-Za-z][\w/]*)(?:<=\d+)?\s*(?:\[[^\]]*\])?\s+\w+")
 _LINE = "\n" + 80 * "=" + "\nMSG: "
+_FEEDBACK, _FEEDBACK_PART = "_FeedbackMessage", "_Feedback"
 _EVENT, _REQUEST, _RESPONSE = "_Event", "_Request", "_Response"
 
 
@@ -66,6 +67,12 @@ def _text(kind: str) -> str:
         half = 1 if name.endswith(_RESPONSE) else 0
         stem = name.removesuffix(_RESPONSE).removesuffix(_REQUEST)
         return re.split(r"^---\s*$", _file(package, f"srv/{stem}.srv"), flags=re.MULTILINE)[half]
+    if group == "action" and name.endswith(_FEEDBACK):
+        action = f"{package}/action/{name.removesuffix(_FEEDBACK)}"
+        return f"unique_identifier_msgs/UUID goal_id\n{action}{_FEEDBACK_PART} feedback\n"
+    if group == "action" and name.endswith(_FEEDBACK_PART):
+        text = _file(package, f"action/{name.removesuffix(_FEEDBACK_PART)}.action")
+        return re.split(r"^---\s*$", text, flags=re.MULTILINE)[2]
     raise FileNotFoundError(kind)
 
 

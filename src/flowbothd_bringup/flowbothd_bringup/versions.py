@@ -1,0 +1,46 @@
+"""Versions of what decides how a run goes."""
+
+from __future__ import annotations
+
+import platform
+import sys
+from importlib.metadata import PackageNotFoundError, version
+
+PACKAGES = (
+    "flowbothd_bringup",
+    "ros-rclpy",
+    "ros-rmw-fastrtps-cpp",
+    "numpy",
+    "scipy",
+    "torch",
+    "pin",
+    "coal",
+    "ruckig",
+    "pybullet",
+    "open3d-cpu",
+    "open3d",
+    "mcap",
+    "rerun-sdk",
+    "panda-python",
+)
+
+
+def versions() -> dict[str, str]:
+    """Name -> version of every package that matters and is installed, Python and machine."""
+    found = {"python": sys.version.split()[0], "machine": platform.platform()}
+    for name in PACKAGES:
+        try:
+            found[name] = version(name)
+        except PackageNotFoundError:
+            continue
+    if "ros-rclpy" not in found:
+        found["ros"] = _apt_ros()
+    return found
+
+
+def _apt_ros() -> str:
+    try:
+        import rclpy
+    except ImportError:
+        return "not installed"
+    return f"rclpy of {rclpy.__file__}"
