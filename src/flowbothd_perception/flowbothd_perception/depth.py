@@ -1,4 +1,4 @@
-"""From depth images to points in the optical frame, lens distortion undone."""
+"""Rays through the pixels of a depth camera, lens distortion undone."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flowbothd_common.errors import InvalidCloudError
-from flowbothd_common.types import Cloud
 
 _ROUNDS = 20
+_LARGEST = 8192
 
 
 @dataclass(frozen=True)
@@ -25,7 +25,8 @@ class Lens:
         distortion: k1 k2 p1 p2 k3 k4 k5 k6, or its first 0, 4 or 5; missing ones are 0.
 
     Raises:
-        InvalidCloudError: a focal length that is not positive, or another number of coefficients.
+        InvalidCloudError: no size, a focal length that is not positive, numbers that are not
+            finite, or another number of coefficients.
     """
 
     width: int
@@ -35,11 +36,18 @@ class Lens:
 
     def __post_init__(self) -> None:
         """Refuse an uncalibrated camera."""
-        if len(self.matrix) != 9 or self.matrix[0] <= 0 or self.matrix[4] <= 0:
+        if not (0 < self.width <= _LARGEST and 0 < self.height <= _LARGEST):
+            raise InvalidCloudError(
+                "camera_info carries no image size",
+                got=f"{self.width} x {self.height}",
+                allowed=f"1 to {_LARGEST} pixels each way",
+            )
+        finite = bool(np.isfinite([*self.matrix, *self.distortion]).all())
+        if len(self.matrix) != 9 or not finite or self.matrix[0] <= 0 or self.matrix[4] <= 0:
             raise InvalidCloudError(
                 "camera_info carries no calibration",
                 got=f"K = {list(self.matrix)}",
-                allowed="focal lengths > 0",
+                allowed="finite numbers, focal lengths > 0",
                 hint="check the camera driver; intrinsics are never guessed",
             )
         if len(self.distortion) not in (0, 4, 5, 8):
@@ -92,45 +100,3 @@ def _distortion(
             axis=-1,
         )
     return factor, shift
-
-
-def depth_in_metres(image: NDArray[np.generic]) -> NDArray[np.float32]:
-    """(H, W) z [m] of a depth image: uint16 millimetres, or float32 metres.
-
-    Raises:
-        InvalidCloudError: another type or number of axes.
-    """
-    if image.ndim != 2:
-        raise InvalidCloudError(
-            "depth image has the wrong shape", got=image.shape, allowed="(H, W)"
-        )
-    if image.dtype == np.uint16:
-        return image.astype(np.float32) * np.float32(0.001)
-    if image.dtype == np.float32:
-        return np.asarray(image, dtype=np.float32)
-    raise InvalidCloudError(
-        "depth image has the wrong type", got=image.dtype, allowed="uint16 [mm] or float32 [m]"
-    )
-
-
-def points_from_depth(
-    depth: NDArray[np.float32], rays: NDArray[np.float32], max_depth: float = np.inf
-) -> Cloud:
-    """(N, 3) points of the pixels that measured something nearer than `max_depth`.
-
-    Zero, negative, infinite and NaN depths are no measurements.
-
-    Raises:
-        InvalidCloudError: image and ray table differ in size.
-    """
-    if depth.shape != rays.shape[:2]:
-        raise InvalidCloudError(
-            "depth image and camera_info differ in size", got=(depth.shape, rays.shape[:2])
-        )
-    with np.errstate(invalid="ignore"):
-        valid = (depth > 0) & (depth < max_depth)
-    z = depth[valid]
-    points = np.empty((len(z), 3), dtype=np.float32)
-    points[:, :2] = rays[valid] * z[:, None]
-    points[:, 2] = z
-    return points[np.isfinite(points[:, 0])] if np.isnan(rays).any() else points

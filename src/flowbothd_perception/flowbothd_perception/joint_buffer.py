@@ -16,27 +16,41 @@ class JointBuffer:
 
     Args:
         names: Joints wanted, in order.
-        gap: Longest time between two states to interpolate over [s]; also how far an image may
-            be newer than the last state without waiting for the next.
+        gap: Longest time between two states to interpolate over [s].
         still: Longer gaps are bridged too where no joint moved by more than this [rad] in them.
+        reach: How far beyond the first or last state positions are extrapolated [s].
         length: States kept.
     """
 
     def __init__(
-        self, names: Sequence[str], gap: float = 0.1, still: float = 0.01, length: int = 2000
+        self,
+        names: Sequence[str],
+        gap: float = 0.1,
+        still: float = 0.01,
+        reach: float = 0.02,
+        length: int = 2000,
     ) -> None:
         self._names, self._gap, self._still = tuple(names), gap, still
-        self._length = length
+        self._reach, self._length = reach, length
         self._stamps: list[float] = []
         self._positions: list[Array] = []
+        self._given: tuple[str, ...] = ()
+        self._order: list[int] = []
 
     def add(self, stamp: float, names: Sequence[str], positions: Sequence[float]) -> None:
         """Take in one joint state; a stamp before the last one starts the buffer anew.
 
         Raises:
             KeyError: a wanted joint is missing; the message lists which.
+            ValueError: fewer positions than names, or one that is not finite.
         """
-        row = np.asarray(positions, dtype=float)[joint_order(self._names, names)]
+        if len(positions) < len(names):
+            raise ValueError(f"{len(names)} joint names, but {len(positions)} positions")
+        if tuple(names) != self._given:
+            self._order, self._given = joint_order(self._names, names), tuple(names)
+        row = np.asarray(positions, dtype=float)[self._order]
+        if not np.isfinite(row).all():
+            raise ValueError(f"joint positions are not finite: {row.tolist()}")
         if self._stamps and stamp < self._stamps[-1]:
             # Simulated time was reset, or a bag began again.
             self._stamps.clear()
@@ -49,30 +63,25 @@ class JointBuffer:
         if len(self._stamps) > self._length:
             del self._stamps[: self._length // 2], self._positions[: self._length // 2]
 
-    def covers(self, stamp: float) -> bool:
-        """Whether states as new as `stamp` have arrived; if not, it may pay to wait."""
-        return bool(self._stamps) and self._stamps[-1] >= stamp
+    def reaches(self, stamp: float) -> bool:
+        """Whether states new enough for `stamp` have arrived; if not, it may pay to wait."""
+        return bool(self._stamps) and self._stamps[-1] + self._reach >= stamp
 
     def at(self, stamp: float) -> tuple[Array | None, str]:
         """(J,) joint positions at a time, linearly interpolated; or None and why not."""
         if not self._stamps:
             return None, "no joint states yet"
-        after = bisect_left(self._stamps, stamp)
-        if after == len(self._stamps):
-            late = stamp - self._stamps[-1]
-            if late > self._gap:
-                return None, f"joint states end {late:.3f} s before the image"
-            return self._positions[-1].copy(), ""
-        if after == 0:
-            early = self._stamps[0] - stamp
-            if early > self._gap:
-                return None, f"joint states begin {early:.3f} s after the image"
+        late, early = stamp - self._stamps[-1], self._stamps[0] - stamp
+        if late > self._reach:
+            return None, f"joint states end {late:.3f} s before the image"
+        if early > self._reach:
+            return None, f"joint states begin {early:.3f} s after the image"
+        if len(self._stamps) == 1:
             return self._positions[0].copy(), ""
+        after = min(max(bisect_left(self._stamps, stamp), 1), len(self._stamps) - 1)
         start, end = self._stamps[after - 1], self._stamps[after]
-        before, step = (
-            self._positions[after - 1],
-            self._positions[after] - self._positions[after - 1],
-        )
+        before = self._positions[after - 1]
+        step = self._positions[after] - before
         if end - start > self._gap and float(np.max(np.abs(step))) > self._still:
             return None, f"no joint states for {end - start:.3f} s around the image"
         return before + (stamp - start) / (end - start) * step, ""

@@ -51,7 +51,19 @@ class RobotFilterParams:
         minimum=0.0,
         element=float,
     )
+    scale: float = parameter(
+        1.0, "size of every link's shapes about their middles, before padding", minimum=0.1
+    )
+    scales: tuple[float, ...] = parameter(
+        (), "scale of each of robot.padded_links; empty = robot.scale", minimum=0.1, element=float
+    )
     ignored_links: tuple[str, ...] = parameter((), "links whose points are kept", element=str)
+    shadow: bool = parameter(
+        False, "also remove points that the robot hides from the camera: edges seen as veils"
+    )
+    shadow_padding: float = parameter(
+        0.0, "padding of what casts shadows [m]; a link's own padding if that is less", minimum=0.0
+    )
 
     def __post_init__(self) -> None:
         """Check that names and paddings belong together."""
@@ -60,6 +72,11 @@ class RobotFilterParams:
                 "robot.padded_links and robot.paddings differ in length",
                 got=(len(self.padded_links), len(self.paddings)),
             )
+        if self.scales and len(self.scales) != len(self.padded_links):
+            raise ParameterError(
+                "robot.padded_links and robot.scales differ in length",
+                got=(len(self.padded_links), len(self.scales)),
+            )
 
 
 @dataclass(frozen=True)
@@ -67,10 +84,26 @@ class OutlierParams:
     """Removal of flying pixels and of what the robot filter leaves along the arm's outline."""
 
     candidates: int = parameter(
-        10000,
-        "points of the workspace that are looked at a time, drawn at random; half as many off the "
-        "robot are enough",
+        2400,
+        "points off the robot that are judged by their distances, drawn at random; "
+        "never less than sampling.points",
         minimum=1,
+    )
+    support: int = parameter(
+        8,
+        "of the 24 pixels around a pixel, how many must be as far away, unless it lies on a slope; "
+        "0 = not asked",
+        minimum=0,
+        maximum=24,
+    )
+    tolerance: float = parameter(
+        0.006, "difference of depths that still counts as equally far [m]", minimum=0.0
+    )
+    steepness: float = parameter(
+        2.0,
+        "slope (tangent of the angle to the view) whose step from pixel to pixel still counts as "
+        "equally far, where that is more than the tolerance",
+        minimum=0.0,
     )
     neighbours: int = parameter(
         12, "neighbours whose mean distance is judged; 0 = no outlier removal", minimum=0
@@ -125,6 +158,12 @@ class CameraParams:
     frame: str = parameter(
         "", "frame id that images must carry; empty = any, all taken as the optical frame"
     )
+    depth_topic: str = parameter("depth/image_raw", "depth images, 16UC1 or 32FC1")
+    info_topic: str = parameter("depth/camera_info", "intrinsics of the depth images")
+    cloud_topic: str = parameter("points2", "clouds, organised or loose, of any layout")
+    best_effort: bool = parameter(
+        False, "subscribe as best effort: for drivers that publish their images so"
+    )
 
     @property
     def T_base_camera(self) -> Array:
@@ -151,7 +190,7 @@ class PerceptionNodeParams(PipelineParams):
     base_frame: str = parameter("panda_link0", "frame of the object cloud")
     input: str = parameter(
         "depth",
-        "depth: depth/image_raw with depth/camera_info; cloud: points2",
+        "depth: camera.depth_topic with camera.info_topic; cloud: camera.cloud_topic",
         choices=("depth", "cloud"),
     )
     max_depth: float = parameter(3.0, "farther measurements are dropped [m]", minimum=0.1)
@@ -163,10 +202,18 @@ class PerceptionNodeParams(PipelineParams):
         "longer gaps are bridged where no joint moved by more than this [rad]",
         minimum=0.0,
     )
+    joint_reach: float = parameter(
+        0.02, "how far joint positions are extrapolated to the time of an image [s]", minimum=0.0
+    )
+    joint_wait: float = parameter(
+        0.5,
+        "how long an image waits for the joint states of its time, steady clock [s]",
+        minimum=0.0,
+    )
     joint_timeout: float = parameter(
         0.7, "silence of joint_states after which they are missing, steady clock [s]", minimum=0.05
     )
     image_timeout: float = parameter(
-        2.0, "silence of the camera after which it is missing, steady clock [s]", minimum=0.05
+        1.5, "silence of the camera after which it is missing, steady clock [s]", minimum=0.05
     )
     camera: CameraParams = field(default_factory=CameraParams)

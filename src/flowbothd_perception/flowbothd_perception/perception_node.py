@@ -3,31 +3,29 @@
 from __future__ import annotations
 
 import sys
+import time
+from collections.abc import Callable
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image, JointState, PointCloud2
-from std_msgs.msg import Header, String
+from std_msgs.msg import String
 
-from flowbothd_common.errors import FlowBotError, FrameUnavailableError
-from flowbothd_common.ros import clouds, diagnostics, qos
+from flowbothd_common.errors import FlowBotError
+from flowbothd_common.ros import diagnostics, qos
 from flowbothd_common.ros.conversions import to_seconds
 from flowbothd_common.ros.liveness import Silence
 from flowbothd_common.ros.node_main import run_node
 from flowbothd_common.ros.parameters import declare
-from flowbothd_common.types import Cloud
-from flowbothd_perception.cloud import valid_points
-from flowbothd_perception.depth import Lens, depth_in_metres, points_from_depth, ray_table
-from flowbothd_perception.images_ros import from_camera_info, from_depth_image
+from flowbothd_common.types import Array
+from flowbothd_perception.images_ros import FrameReader
 from flowbothd_perception.joint_buffer import JointBuffer
+from flowbothd_perception.outputs_ros import CloudOutputs
 from flowbothd_perception.params import PerceptionNodeParams
-from flowbothd_perception.pipeline import PerceptionPipeline, PerceptionResult
-
-_LONGEST_WAIT = 1.0
-"""Difference of stamps [s] after which a frame no longer waits for its joint states."""
+from flowbothd_perception.pipeline import PerceptionPipeline
+from flowbothd_perception.statistics import FrameStatistics
+from flowbothd_perception.waiting import WaitingFrames
 
 
 class PerceptionNode(Node):
@@ -35,37 +33,61 @@ class PerceptionNode(Node):
 
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("perception_node", **kwargs)
-        self._params = declare(self, PerceptionNodeParams)
-        self._T_base_camera = self._params.camera.T_base_camera
+        self._params = params = declare(self, PerceptionNodeParams)
+        self._T_base_camera = params.camera.T_base_camera
         self._pipeline: PerceptionPipeline | None = None
         self._joints: JointBuffer | None = None
         self._description = ""
-        self._lens: Lens | None = None
-        self._rays: NDArray[np.float32] | None = None
-        self._frames: list[Image | PointCloud2] = []
+        self._reader = FrameReader(params.camera.frame, params.max_depth)
+        self._waiting: WaitingFrames[Image | PointCloud2] = WaitingFrames(params.joint_wait)
+        self._statistics = FrameStatistics()
         self._trouble: dict[str, str] = {}
-        self._figures: dict[str, object] = {}
+        self._try_to_process = self._guarded("frame", self._process)
         self._remark = ""
         self._status = diagnostics.NodeStatus(self)
-        self._heard_joints = Silence(self._params.joint_timeout)
-        self._heard_camera = Silence(self._params.image_timeout)
-        self._cloud = self.create_publisher(PointCloud2, "object_cloud", qos.IMAGE)
+        self._heard_joints = Silence(params.joint_timeout)
+        self._heard_camera = Silence(params.image_timeout)
+        self._outputs = CloudOutputs(self, params.base_frame)
         self._create_inputs()
         # The steady clock runs on when the simulation, and with it the node clock, is gone.
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._timer = self.create_timer(0.1, self._report, clock=steady)
+        self._timer = self.create_timer(0.1, self._on_timer, clock=steady)
 
     def _create_inputs(self) -> None:
-        listen = self.create_subscription
+        camera = self._params.camera
+        profile = qos.FRAMES_BEST_EFFORT if camera.best_effort else qos.FRAMES
+
+        def listen(kind: type, topic: str, callback: Callable[[Any], None], quality: Any) -> None:
+            self.create_subscription(kind, topic, self._guarded(topic, callback), quality)
+
         listen(String, "robot_description", self._on_description, qos.LATCHED)
         listen(JointState, "joint_states", self._on_joints, qos.STATE)
+        listen(CameraInfo, camera.info_topic, self._on_info, profile)
         if self._params.input == "depth":
-            self._camera_topics: tuple[str, ...] = ("depth/image_raw", "depth/camera_info")
-            listen(Image, "depth/image_raw", self._on_frame, qos.IMAGE)
-            listen(CameraInfo, "depth/camera_info", self._on_info, qos.IMAGE)
+            self._camera_topics: tuple[str, ...] = (camera.depth_topic, camera.info_topic)
+            listen(Image, camera.depth_topic, self._on_frame, profile)
         else:
-            self._camera_topics = ("points2",)
-            listen(PointCloud2, "points2", self._on_frame, qos.IMAGE)
+            # Clouds do without the intrinsics, but a flattened one gets its shape back from them.
+            self._camera_topics = (camera.cloud_topic,)
+            listen(PointCloud2, camera.cloud_topic, self._on_frame, profile)
+
+    def _guarded(self, topic: str, callback: Callable[[Any], None]) -> Callable[[Any], None]:
+        """The callback, but what is wrong with a message is told and kept from the executor."""
+
+        def guarded(message: Any) -> None:
+            try:
+                callback(message)
+            except (FlowBotError, KeyError, ValueError) as error:
+                self._trouble[topic] = f"{topic}: {error.args[0] if error.args else error!r}"
+            except Exception as error:
+                # Whatever a driver sends must not end the node; this says where to look.
+                if not self._trouble.get(topic):
+                    self.get_logger().error(f"{topic}: {error!r}")
+                self._trouble[topic] = f"{topic}: unexpected {error!r}"
+            else:
+                self._trouble.pop(topic, None)
+
+        return guarded
 
     def destroy_node(self) -> None:
         """Stop the heartbeat before its publisher goes."""
@@ -75,96 +97,65 @@ class PerceptionNode(Node):
     def _on_description(self, message: String) -> None:
         if message.data == self._description:
             return
+        params = self._params
+        self._description, self._pipeline, self._joints = "", None, None
+        self._pipeline = pipeline = PerceptionPipeline(params, message.data)
+        self._joints = JointBuffer(
+            pipeline.joint_names, params.joint_gap, params.joint_still, params.joint_reach
+        )
         self._description = message.data
-        try:
-            self._pipeline = PerceptionPipeline(self._params, message.data)
-            self._joints = JointBuffer(
-                self._pipeline.joint_names, self._params.joint_gap, self._params.joint_still
-            )
-            self._trouble.pop("robot_description", None)
-        except FlowBotError as error:
-            self._pipeline = None
-            self._trouble["robot_description"] = str(error)
 
     def _on_joints(self, message: JointState) -> None:
         if self._joints is None:
             return
         self._heard_joints.heard("joint_states")
-        try:
-            stamp = to_seconds(message.header.stamp)
-            self._joints.add(stamp, message.name, message.position)
-        except (KeyError, IndexError) as error:
-            self._trouble["joint_states"] = f"joint_states: {error.args[0]}"
-            return
-        self._trouble.pop("joint_states", None)
+        self._joints.add(to_seconds(message.header.stamp), message.name, message.position)
         self._process_waiting()
 
     def _on_info(self, message: CameraInfo) -> None:
-        self._heard_camera.heard("depth/camera_info")
-        try:
-            lens = from_camera_info(message)
-            if lens != self._lens:
-                self._lens, self._rays = lens, ray_table(lens)
-            self._trouble.pop("lens", None)
-        except FlowBotError as error:
-            self._trouble["lens"] = str(error)
+        self._heard_camera.heard(self._params.camera.info_topic)
+        self._reader.learn(message)
 
     def _on_frame(self, message: Image | PointCloud2) -> None:
-        """Keep the frame that waits for its joint states, and the newest behind it."""
+        now = time.monotonic()
         self._heard_camera.heard(self._camera_topics[0])
-        ahead = [
-            to_seconds(message.header.stamp) - to_seconds(f.header.stamp) for f in self._frames
-        ]
-        # Time was reset, or the joint states stopped long ago: what waits, waits in vain.
-        hopeless = bool(ahead) and not 0 <= ahead[0] <= _LONGEST_WAIT
-        self._frames = [message] if hopeless else [*self._frames[:1], message]
+        self._statistics.arrived(now)
+        for _ in self._waiting.add(to_seconds(message.header.stamp), message, now):
+            self._drop("driven out by newer ones while it waited for joint states")
         self._process_waiting()
 
     def _process_waiting(self) -> None:
-        """Process waiting frames that the joint states have caught up with."""
-        while self._frames and self._joints is not None:
-            stamp = to_seconds(self._frames[0].header.stamp)
-            if not self._joints.covers(stamp):
-                return
-            self._process(self._frames.pop(0), stamp)
-
-    def _process(self, message: Image | PointCloud2, stamp: float) -> None:
-        if self._pipeline is None or self._joints is None:
+        """Process frames that the joint states have caught up with."""
+        if self._joints is None:
             return
-        positions, why = self._joints.at(stamp)
-        if positions is None:
-            self._remark = f"frame dropped: {why}"
-            return
-        try:
-            points = self._measured(message)
-            seed = (self._params.seed, message.header.stamp.sec, message.header.stamp.nanosec)
-            result = self._pipeline.process(points, self._T_base_camera, positions, seed)
-        except FlowBotError as error:
-            self._remark = f"frame dropped: {error}"
-            return
-        self._publish(message.header, result)
+        for message, arrived, positions, why in self._waiting.take(self._joints, time.monotonic()):
+            if positions is None:
+                self._drop(why)
+            else:
+                self._try_to_process((message, arrived, positions))
 
-    def _measured(self, message: Image | PointCloud2) -> Cloud:
-        wanted = self._params.camera.frame
-        if wanted and message.header.frame_id != wanted:
-            raise FrameUnavailableError(
-                "frame id of the camera", got=message.header.frame_id, allowed=wanted
-            )
-        if isinstance(message, PointCloud2):
-            values = clouds.from_cloud_message(message, clouds.XYZ)
-            return valid_points(values, self._params.max_depth)
-        if self._rays is None:
-            raise FrameUnavailableError("no depth/camera_info yet")
-        depth = depth_in_metres(from_depth_image(message))
-        return points_from_depth(depth, self._rays, self._params.max_depth)
+    def _drop(self, why: str) -> None:
+        self._remark = f"frame dropped: {why}"
+        self._statistics.dropped()
 
-    def _publish(self, source: Header, result: PerceptionResult) -> None:
-        header = Header(stamp=source.stamp, frame_id=self._params.base_frame)
-        self._cloud.publish(clouds.to_cloud_message(header, result.points, clouds.XYZ))
+    def _process(self, waited: tuple[Image | PointCloud2, float, Array]) -> None:
+        message, arrived, positions = waited
+        if self._pipeline is None:
+            return
+        stamp = message.header.stamp
+        frame = self._reader.read(message)
+        seed = (self._params.seed, max(stamp.sec, 0), stamp.nanosec)
+        result = self._pipeline.process(
+            frame, self._T_base_camera, positions, seed, whole=self._outputs.whole
+        )
+        self._outputs.publish(message.header, frame, self._T_base_camera, result)
         self._remark = result.message
-        self._figures = {f"points {stage}": count for stage, count in result.counts.items()}
-        for stage, seconds in result.seconds.items():
-            self._figures[f"{stage} [ms]"] = f"{1e3 * seconds:.1f}"
+        self._statistics.published(result, time.monotonic() - arrived)
+
+    def _on_timer(self) -> None:
+        # A frame whose joint states do not come is not kept for ever.
+        self._process_waiting()
+        self._report()
 
     def _missing(self) -> list[str]:
         missing = [] if self._description else ["robot_description (motion_node)"]
@@ -174,15 +165,16 @@ class PerceptionNode(Node):
         return missing
 
     def _report(self) -> None:
+        figures = self._statistics.figures(time.monotonic())
         missing = self._missing()
-        if missing:
-            self._status.report(diagnostics.ERROR, f"missing: {', '.join(missing)}")
-        elif self._trouble:
-            self._status.report(diagnostics.ERROR, "; ".join(self._trouble.values()))
+        wrong = [f"missing: {', '.join(missing)}"] if missing else []
+        wrong += self._trouble.values()
+        if wrong:
+            self._status.report(diagnostics.ERROR, "; ".join(wrong), figures)
         elif self._remark:
-            self._status.report(diagnostics.WARN, self._remark, self._figures)
+            self._status.report(diagnostics.WARN, self._remark, figures)
         else:
-            self._status.report(diagnostics.OK, "publishing object_cloud", self._figures)
+            self._status.report(diagnostics.OK, "publishing object_cloud", figures)
 
 
 def main(args: list[str] | None = None) -> int:

@@ -1,64 +1,49 @@
-"""Which points lie on the robot: containment in its padded links."""
+"""Which points lie on the robot, or where only its shadow can be."""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
-import coal
 import numpy as np
 import pinocchio
 from numpy.typing import NDArray
-from scipy.spatial import ConvexHull, QhullError
 
 from flowbothd_common.errors import ObjectModelError, ParameterError
 from flowbothd_common.transforms import inverse
 from flowbothd_common.types import Array, Cloud
 from flowbothd_perception.params import RobotFilterParams
+from flowbothd_perception.solids import Hull, Round, solid_of
 
 
 @dataclass(frozen=True)
-class _Solid:
-    """One padded convex shape of a link.
+class _Part:
+    """One solid of a link.
 
     Attributes:
         link: Name of the link.
         frame: Index of the shape among the model's geometry objects.
-        centre: (3,) of the bounding sphere, in the shape's frame.
-        radius: Of the bounding sphere, padding included.
-        planes: (F, 4) n.x + d <= 0 inside, padding included; empty for a cylinder or sphere.
-        round: (radius, half length) of a cylinder along z, padding included; half length < 0 for
-            a sphere.
+        solid: Padded.
+        shadow: What casts its shadow, with a padding of its own; None if shadows are not wanted.
     """
 
     link: str
     frame: int
-    centre: Array
-    radius: float
-    planes: NDArray[np.float32]
-    round: tuple[float, float] | None = None
-
-    def contains(self, points: Cloud) -> NDArray[np.bool_]:
-        """(N,) for points in the shape's frame."""
-        if self.round is None:
-            distances = points @ self.planes[:, :3].T + self.planes[:, 3]
-            return np.asarray((distances <= 0).all(axis=1))
-        radius, half = self.round
-        square = np.einsum("ij,ij->i", points[:, :2], points[:, :2])
-        if half < 0:
-            return np.asarray(square + points[:, 2] ** 2 <= radius**2)
-        return np.asarray((square <= radius**2) & (np.abs(points[:, 2]) <= half))
+    solid: Hull | Round
+    shadow: Hull | Round | None
 
 
 class RobotFilter:
     """Tells the robot's points from others, given the joint positions.
 
-    Meshes count as their convex hulls, which is what collision meshes of arms are; padding moves
-    every face outwards. Growing the padding can only add points.
+    Growing padding or scale can only add points.
 
     Args:
-        urdf: Text of the robot description, mesh paths absolute.
-        params: Paddings and links to leave out.
+        urdf: Text of the robot description. Mesh paths are absolute, or package:// paths of
+            packages under AMENT_PREFIX_PATH.
+        params: Scale, paddings, shadows, and links to leave out.
 
     Raises:
         ObjectModelError: the description cannot be read, or a link has no usable shape.
@@ -66,16 +51,7 @@ class RobotFilter:
     """
 
     def __init__(self, urdf: str, params: RobotFilterParams) -> None:
-        try:
-            self._model = pinocchio.buildModelFromXML(urdf)
-            self._geometry = pinocchio.buildGeomFromUrdfString(
-                self._model, urdf, pinocchio.GeometryType.COLLISION
-            )
-        except (RuntimeError, ValueError) as error:
-            raise ObjectModelError(
-                f"robot description cannot be read: {error}",
-                hint="it must be a URDF with absolute mesh paths, as motion_node publishes it",
-            ) from error
+        self._model, self._geometry = _read(urdf)
         self._data = self._model.createData()
         self._geometry_data = self._geometry.createData()
         links = [frame.name for frame in self._model.frames]
@@ -84,26 +60,72 @@ class RobotFilter:
             raise ParameterError(
                 "robot filter parameters name unknown links", got=unknown, allowed=", ".join(links)
             )
-        paddings = dict(zip(params.padded_links, params.paddings, strict=True))
-        self._solids: list[_Solid] = []
-        for index, item in enumerate(self._geometry.geometryObjects):
-            link = self._model.frames[item.parentFrame].name
-            if link not in params.ignored_links:
-                self._solids.append(_solid(link, index, item, paddings.get(link, params.padding)))
+        self._parts = [
+            self._part(index, item, params)
+            for index, item in enumerate(self._geometry.geometryObjects)
+            if self._link_of(item) not in params.ignored_links
+        ]
 
     @property
     def joint_names(self) -> tuple[str, ...]:
         """Joints whose positions are needed, in order."""
         return tuple(self._model.names[1:])
 
+    @property
+    def links(self) -> tuple[str, ...]:
+        """Links that have a shape and are not ignored, one for each of its shapes."""
+        return tuple(part.link for part in self._parts)
+
     def on_robot(
-        self, points: Cloud, joint_positions: Sequence[float] | Array
+        self, points: Cloud, joint_positions: Sequence[float] | Array, eye: Array | None = None
     ) -> NDArray[np.bool_]:
         """(N,) whether each point (in base) lies within the padded robot.
+
+        Args:
+            points: (N, 3) in base.
+            joint_positions: (J,) in the order of `joint_names`.
+            eye: (3,) of the camera in base. If shadows are wanted, points that the robot hides
+                from there count too: what is measured there is a ray that touched the robot's edge.
 
         Raises:
             ParameterError: another number of joint positions than `joint_names`.
         """
+        self._place(joint_positions)
+        result = np.zeros(len(points), dtype=bool)
+        columns = np.ascontiguousarray(points.T)
+        for part in self._parts:
+            placement = self._geometry_data.oMg[part.frame].homogeneous
+            centre = placement[:3, :3] @ part.solid.centre + placement[:3, 3]
+            near = _near(columns, centre, part.solid.radius)
+            local = inverse(placement).astype(np.float32)
+            if len(near):
+                inside = part.solid.contains(points[near] @ local[:3, :3].T + local[:3, 3])
+                result[near[inside]] = True
+            if part.shadow is None or eye is None:
+                continue
+            behind = _in_cone(columns, eye, centre, part.shadow.radius)
+            if len(behind):
+                seen_from = inverse(placement)[:3, :3] @ eye + inverse(placement)[:3, 3]
+                there = points[behind] @ local[:3, :3].T + local[:3, 3]
+                result[behind[part.shadow.hides(seen_from, there)]] = True
+        return result
+
+    def _part(self, index: int, item: pinocchio.GeometryObject, params: RobotFilterParams) -> _Part:
+        link = self._link_of(item)
+        padding, scale = params.padding, params.scale
+        if link in params.padded_links:
+            at = params.padded_links.index(link)
+            padding = params.paddings[at]
+            scale = params.scales[at] if params.scales else scale
+        shadow = None
+        if params.shadow:
+            shadow = solid_of(item, link, scale, min(padding, params.shadow_padding))
+        return _Part(link, index, solid_of(item, link, scale, padding), shadow)
+
+    def _link_of(self, item: pinocchio.GeometryObject) -> str:
+        return str(self._model.frames[item.parentFrame].name)
+
+    def _place(self, joint_positions: Sequence[float] | Array) -> None:
         positions = np.asarray(joint_positions, dtype=float)
         if positions.shape != (self._model.nq,):
             raise ParameterError(
@@ -115,17 +137,22 @@ class RobotFilter:
         pinocchio.updateGeometryPlacements(
             self._model, self._data, self._geometry, self._geometry_data
         )
-        result = np.zeros(len(points), dtype=bool)
-        columns = np.ascontiguousarray(points.T)
-        for solid in self._solids:
-            placement = self._geometry_data.oMg[solid.frame].homogeneous
-            near = _near(columns, placement[:3, :3] @ solid.centre + placement[:3, 3], solid.radius)
-            if not len(near):
-                continue
-            local = inverse(placement).astype(np.float32)
-            inside = solid.contains(points[near] @ local[:3, :3].T + local[:3, 3])
-            result[near[inside]] = True
-        return result
+
+
+def _read(urdf: str) -> tuple[pinocchio.Model, pinocchio.GeometryModel]:
+    prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
+    shares = [str(Path(prefix) / "share") for prefix in prefixes if prefix]
+    try:
+        model = pinocchio.buildModelFromXML(urdf)
+        geometry = pinocchio.buildGeomFromUrdfString(
+            model, urdf, pinocchio.GeometryType.COLLISION, package_dirs=shares
+        )
+    except (RuntimeError, ValueError) as error:
+        raise ObjectModelError(
+            f"robot description cannot be read: {error}",
+            hint="it must be a URDF with absolute mesh paths, as motion_node publishes it",
+        ) from error
+    return model, geometry
 
 
 def _near(columns: Cloud, centre: Array, radius: float) -> NDArray[np.intp]:
@@ -134,41 +161,15 @@ def _near(columns: Cloud, centre: Array, radius: float) -> NDArray[np.intp]:
     return np.flatnonzero(x * x + y * y + z * z <= np.float32(radius) ** 2)
 
 
-def _solid(link: str, index: int, item: pinocchio.GeometryObject, padding: float) -> _Solid:
-    shape, nothing = item.geometry, np.empty((0, 4), np.float32)
-    if isinstance(shape, coal.Cylinder | coal.Capsule):
-        extra = shape.radius if isinstance(shape, coal.Capsule) else 0.0
-        size = (shape.radius + padding, shape.halfLength + extra + padding)
-        return _Solid(link, index, np.zeros(3), float(np.hypot(*size)), nothing, size)
-    if isinstance(shape, coal.Sphere):
-        size = (shape.radius + padding, -1.0)
-        return _Solid(link, index, np.zeros(3), size[0], nothing, size)
-    if isinstance(shape, coal.Box):
-        half = np.asarray(shape.halfSide)
-        corners = np.array(np.meshgrid(*[(-h, h) for h in half])).reshape(3, -1).T
-    elif hasattr(shape, "vertices"):
-        corners = np.asarray(shape.vertices()) * np.asarray(item.meshScale)
-    else:
-        raise ObjectModelError(
-            f"link {link} has a shape the robot filter cannot use",
-            got=type(shape).__name__,
-            allowed="mesh, box, cylinder, capsule, sphere",
-        )
-    try:
-        planes = np.unique(np.round(ConvexHull(corners).equations, 6), axis=0)
-    except (QhullError, ValueError) as error:
-        raise ObjectModelError(f"link {link} has a flat or empty mesh: {error}") from error
-    planes[:, 3] -= padding
-    centre = (corners.min(axis=0) + corners.max(axis=0)) / 2
-    # Faces moved outwards meet farther out than the padding: where they do, the hull ends.
-    radius = _reach(planes, corners, centre, padding)
-    return _Solid(link, index, centre, radius, planes.astype(np.float32))
-
-
-def _reach(planes: Array, corners: Array, centre: Array, padding: float) -> float:
-    """Radius about `centre` that holds the padded hull."""
-    distance = -(planes[:, :3] @ centre + planes[:, 3])
-    inner = float(np.min(distance)) - padding
-    outer = float(np.max(np.linalg.norm(corners - centre, axis=1)))
-    # Scaling the hull about its centre by (inner + padding) / inner contains the padded hull.
-    return outer * (inner + padding) / inner if inner > 1e-4 else 2 * (outer + padding)
+def _in_cone(columns: Cloud, eye: Array, centre: Array, radius: float) -> NDArray[np.intp]:
+    """Indices of (3, N) points whose line from `eye` passes through a sphere."""
+    to_centre = centre - eye
+    x, y, z = (columns[axis] - np.float32(eye[axis]) for axis in range(3))
+    along = (
+        x * np.float32(to_centre[0]) + y * np.float32(to_centre[1]) + z * np.float32(to_centre[2])
+    )
+    # |v x c|^2 <= r^2 |v|^2, and in front of the eye; within the sphere all directions count.
+    square = x * x + y * y + z * z
+    distance = np.float32(to_centre @ to_centre)
+    aside = square * distance - along * along <= np.float32(radius) ** 2 * square
+    return np.flatnonzero(aside & ((along > 0) | (distance <= np.float32(radius) ** 2)))

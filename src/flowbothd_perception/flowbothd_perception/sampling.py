@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
-from flowbothd_common.types import Cloud
 
+def sample(available: int, count: int, rng: np.random.Generator) -> NDArray[np.intp]:
+    """(min(available, count),) numbers below `available`, chosen without repetition.
 
-def sample(points: Cloud, count: int, rng: np.random.Generator) -> Cloud:
-    """(min(N, count), 3) points chosen without repetition; all of them if there are no more."""
-    if len(points) <= count:
-        return points
-    return points[rng.choice(len(points), count, replace=False)]
+    All of them, in order, if there are no more.
+    """
+    if available <= count:
+        return np.arange(available)
+    return rng.choice(available, count, replace=False)

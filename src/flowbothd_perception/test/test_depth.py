@@ -1,20 +1,25 @@
-"""Depth images and clouds to points."""
+"""Lenses, and depth images seen through them."""
 
 import numpy as np
 import pytest
 
 from flowbothd_common.errors import InvalidCloudError
-from flowbothd_perception.cloud import valid_points
-from flowbothd_perception.depth import Lens, depth_in_metres, distort, points_from_depth, ray_table
+from flowbothd_perception.depth import Lens, distort, ray_table
+from flowbothd_perception.frame import DepthFrame, Optics
 
 KINECT = (2.95, 1.62, -1.1e-4, 3.4e-5, 0.083, 3.28, 2.44, 0.43)
 MATRIX = (504.0, 0.0, 320.5, 0.0, 504.2, 330.1, 0.0, 0.0, 1.0)
 
 
+def points_of(image, lens):
+    frame = DepthFrame(image, Optics(ray_table(lens)))
+    return frame.points(np.arange(image.size))
+
+
 def test_a_pinhole_without_distortion():
-    rays = ray_table(Lens(8, 6, (2.0, 0, 3.0, 0, 4.0, 1.0, 0, 0, 1)))
-    np.testing.assert_allclose(rays[5, 7], ((7 - 3) / 2, (5 - 1) / 4))
-    points = points_from_depth(np.full((6, 8), 2.0, np.float32), rays)
+    lens = Lens(8, 6, (2.0, 0, 3.0, 0, 4.0, 1.0, 0, 0, 1))
+    np.testing.assert_allclose(ray_table(lens)[5, 7], ((7 - 3) / 2, (5 - 1) / 4))
+    points = points_of(np.full((6, 8), 2.0, np.float32), lens)
     np.testing.assert_allclose(points[-1], (4.0, 2.0, 2.0))
 
 
@@ -35,54 +40,34 @@ def test_distortion_is_inverted(coefficients):
 
 def test_ignoring_distortion_would_be_wrong_by_centimetres():
     flat = np.full((576, 640), 1.0, np.float32)
-    right = points_from_depth(flat, np.nan_to_num(ray_table(Lens(640, 576, MATRIX, KINECT))))
-    naive = points_from_depth(flat, ray_table(Lens(640, 576, MATRIX)))
-    assert np.linalg.norm(right - naive, axis=1).max() > 0.01
+    right = points_of(flat, Lens(640, 576, MATRIX, KINECT))
+    naive = points_of(flat, Lens(640, 576, MATRIX))
+    assert np.nanmax(np.linalg.norm(right - naive, axis=1)) > 0.01
 
 
-def test_invalid_depths_are_dropped():
-    rays = ray_table(Lens(3, 2, (1.0, 0, 0, 0, 1.0, 0, 0, 0, 1)))
-    depth = np.array([[0, -1, np.nan], [np.inf, 2.0, 9.0]], np.float32)
-    np.testing.assert_allclose(points_from_depth(depth, rays, 3.0), [[2.0, 2.0, 2.0]])
-
-
-def test_units_of_both_encodings():
-    millimetres = np.array([[1500]], np.uint16)
-    assert depth_in_metres(millimetres)[0, 0] == pytest.approx(1.5)
-    metres = np.array([[1.5]], np.float32)
-    assert depth_in_metres(metres)[0, 0] == 1.5
+def test_a_distorted_picture_of_a_wall_becomes_a_flat_wall():
+    """The image a lens makes of a wall one metre away, undone: every point is on the wall."""
+    lens = Lens(640, 576, MATRIX, KINECT)
+    normal = np.array([0.3, -0.2, 1.0]) / np.linalg.norm([0.3, -0.2, 1.0])
+    rays = ray_table(lens).astype(float)
+    depth = 1.0 / (rays[..., 0] * normal[0] + rays[..., 1] * normal[1] + normal[2])
+    points = points_of(np.nan_to_num(depth).astype(np.float32), lens)
+    seen = np.isfinite(points[:, 0])
+    np.testing.assert_allclose(points[seen] @ normal, 1.0, atol=1e-5)
+    # The same pixels with K alone miss the wall.
+    naive = points_of(np.nan_to_num(depth).astype(np.float32), Lens(640, 576, MATRIX))
+    assert np.abs(naive[seen] @ normal - 1.0).max() > 0.005
 
 
 @pytest.mark.parametrize(
     ("make", "message"),
     [
         (lambda: Lens(4, 4, (0.0,) * 9), r"no calibration.*focal lengths > 0.*never guessed"),
+        (lambda: Lens(4, 4, (np.nan,) * 9), r"no calibration.*nan.*finite numbers"),
+        (lambda: Lens(0, 4, MATRIX), r"no image size; got 0 x 4; allowed: 1 to 8192"),
         (lambda: Lens(4, 4, MATRIX, (0.1,) * 3), r"3 coefficients; allowed: 0, 4, 5 .*or 8"),
-        (lambda: depth_in_metres(np.zeros((2, 2), np.int32)), r"int32; allowed: uint16.*float32"),
-        (
-            lambda: depth_in_metres(np.zeros((2, 2, 1), np.uint16)),
-            r"\(2, 2, 1\); allowed: \(H, W\)",
-        ),
-        (
-            lambda: points_from_depth(
-                np.zeros((2, 2), np.float32), np.zeros((3, 2, 2), np.float32)
-            ),
-            r"differ in size.*\(2, 2\), \(3, 2\)",
-        ),
-        (lambda: valid_points(np.zeros((4, 4), np.float32)), r"\(4, 4\); allowed: \(\.\.\., 3\)"),
     ],
 )
 def test_errors_say_what_is_allowed(make, message):
     with pytest.raises(InvalidCloudError, match=message):
         make()
-
-
-@pytest.mark.parametrize("shape", [(4, 1, 3), (2, 2, 3), (4, 3)])
-def test_every_kind_of_invalid_point_is_dropped(shape):
-    values = np.array([[np.nan] * 3, [0, 0, 0], [0.1, 0.2, 1.0], [0, np.inf, 1]], np.float32)
-    np.testing.assert_array_equal(valid_points(values.reshape(shape)), values[2:3])
-
-
-def test_empty_clouds_stay_empty():
-    assert valid_points(np.empty((0, 3), np.float32)).shape == (0, 3)
-    assert valid_points(np.full((3, 5, 3), np.nan, np.float32)).shape == (0, 3)

@@ -8,6 +8,7 @@ import pytest
 
 from flowbothd_common.errors import ObjectModelError, ParameterError
 from flowbothd_common.transforms import apply, inverse, look_at
+from flowbothd_perception.crop import to_base
 from flowbothd_perception.params import PipelineParams, RobotFilterParams, SamplingParams
 from flowbothd_perception.pipeline import PerceptionPipeline
 from flowbothd_perception.robot_filter import RobotFilter
@@ -109,7 +110,16 @@ def test_the_object_survives_and_the_table_and_robot_do_not(pipeline):
     assert result.points.shape == (300, 3)
     assert result.points.dtype == np.float32
     np.testing.assert_allclose(result.points[:, 0], 0.6, atol=1e-4)
-    assert list(result.counts) == ["measured", "workspace", "robot", "outliers", "sampled"]
+    assert list(result.counts) == [
+        "measured",
+        "workspace",
+        "drawn",
+        "robot",
+        "surface",
+        "outliers",
+        "sampled",
+    ]
+    np.testing.assert_array_equal(result.points, to_base(CAMERA, frame[result.pixels]))
     assert result.counts["measured"] == 5000
     assert result.message == ""
     again = pipeline.process(frame, CAMERA, [np.pi / 2], seed=3)
@@ -122,7 +132,8 @@ def test_the_object_survives_and_the_table_and_robot_do_not(pipeline):
     ("points", "message"),
     [
         (np.empty((0, 3)), "measured nothing"),
-        (np.full((50, 3), np.nan), "lies in the workspace"),
+        (np.full((50, 3), np.nan), "measured nothing"),
+        (np.full((50, 3), 5.0), "lies in the workspace"),
         (np.full((50, 3), 9.0), "check camera.position"),
         (np.tile([[0.05, 0.0, 0.1]], (50, 1)), "only the robot"),
         (np.tile([[0.6, 0.0, 0.3]], (50, 1)), "only 50 of 300"),

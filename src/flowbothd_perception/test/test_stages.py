@@ -5,9 +5,10 @@ import pytest
 
 from flowbothd_common.errors import ParameterError
 from flowbothd_common.transforms import apply, look_at
-from flowbothd_perception.crop import crop_to_base, inside_box
+from flowbothd_perception.crop import inside_box
+from flowbothd_perception.frame import CloudFrame
 from flowbothd_perception.joint_buffer import JointBuffer
-from flowbothd_perception.outliers import inliers
+from flowbothd_perception.outliers import beside, inliers, on_surface
 from flowbothd_perception.params import CameraParams, CropParams, OutlierParams
 from flowbothd_perception.sampling import sample
 
@@ -22,10 +23,11 @@ def rows(cloud):
 def test_crop_is_the_box_after_the_transform(seed):
     rng = np.random.default_rng(seed)
     points = rng.normal(scale=1.0, size=(5000, 3)).astype(np.float32)
-    cropped = crop_to_base(points, CAMERA, CropParams())
+    points = points[points[:, 2] > 0]
+    inside = CloudFrame(points).inside(CAMERA, CropParams())
     base = apply(CAMERA, points)
-    np.testing.assert_allclose(cropped, base[inside_box(base, CropParams())], atol=1e-5)
-    assert 0 < len(cropped) < len(points)
+    np.testing.assert_array_equal(inside, np.flatnonzero(inside_box(base, CropParams())))
+    assert 0 < len(inside) < len(points)
 
 
 def test_crop_is_idempotent_and_monotone():
@@ -40,7 +42,7 @@ def test_crop_is_idempotent_and_monotone():
 def test_points_that_are_not_finite_are_outside():
     points = np.array([[np.nan, 0, 0.1], [0.5, 0, np.inf], [0.5, 0, 0.1]], np.float32)
     np.testing.assert_array_equal(inside_box(points, CropParams()), [False, False, True])
-    np.testing.assert_array_equal(crop_to_base(points, np.eye(4), CropParams()), points[2:])
+    np.testing.assert_array_equal(CloudFrame(points).inside(np.eye(4), CropParams()), [2])
 
 
 def test_an_empty_workspace_is_refused():
@@ -75,13 +77,62 @@ def test_tiny_clouds_are_kept_whole(count):
     assert inliers(np.zeros((count, 3), np.float32), OutlierParams()).all()
 
 
+PITCH = 0.002
+U, V = np.meshgrid(np.arange(60), np.arange(50))
+
+
+def surface(depth, params=None):
+    pixels = np.arange(depth.size)
+    return on_surface(depth, 1.0, pixels, PITCH, params or OutlierParams()).reshape(depth.shape)
+
+
+@pytest.mark.parametrize("slope", [0.0, 1.0, 3.0, 10.0])
+@pytest.mark.parametrize("direction", [(1.0, 0.0), (0.0, 1.0), (0.6, 0.8)])
+def test_a_plane_is_a_surface_however_it_is_seen(slope, direction):
+    """Up to 84 degrees off the view; at the image's border some neighbours are missing."""
+    along = direction[0] * (U - 30) + direction[1] * (V - 25)
+    depth = (1.0 + slope * PITCH * along).astype(np.float32)
+    assert surface(depth)[2:-2, 2:-2].all()
+
+
+def test_pixels_between_two_surfaces_are_on_neither():
+    rng = np.random.default_rng(0)
+    depth = np.where(U < 30, 1.0, 1.5).astype(np.float32)
+    depth[:, 29] = rng.uniform(1.02, 1.48, 50)
+    keep = surface(depth)
+    assert keep[:, 29].mean() < 0.05
+    assert keep[:, :29].all()
+    assert keep[:, 30:].all()
+
+
+def test_thin_rods_are_surfaces_and_single_pixels_are_not():
+    depth = np.full((50, 60), np.nan, np.float32)
+    depth[:, 20:22] = 1.0
+    depth[10, 40] = 1.0
+    keep = surface(depth)
+    assert keep[:, 20:22].all()
+    assert not keep[10, 40]
+    assert surface(depth, OutlierParams(support=0)).all()
+
+
+def test_images_smaller_than_a_window_are_kept():
+    assert surface(np.ones((4, 60), np.float32)).all()
+    assert on_surface(np.ones((9, 9)), 1.0, np.zeros(0, int), PITCH, OutlierParams()).size == 0
+
+
+def test_what_lies_beside_chosen_points():
+    points = np.array([[0, 0, 0], [0.02, 0, 0], [1.0, 0, 0]], np.float32)
+    np.testing.assert_array_equal(beside(points, points[:1], 0.03), [True, True, False])
+    assert not beside(points, points[:0], 0.03).any()
+
+
 def test_sampling_is_seeded_and_without_repetition():
-    points = np.arange(3000, dtype=np.float32).reshape(-1, 3)
-    chosen = sample(points, 100, np.random.default_rng(1))
-    assert len(rows(chosen)) == 100
-    assert rows(chosen) <= rows(points)
-    np.testing.assert_array_equal(chosen, sample(points, 100, np.random.default_rng(1)))
-    assert sample(points, 5000, np.random.default_rng(1)) is points
+    chosen = sample(1000, 100, np.random.default_rng(1))
+    assert len(set(chosen.tolist())) == 100
+    assert chosen.min() >= 0
+    assert chosen.max() < 1000
+    np.testing.assert_array_equal(chosen, sample(1000, 100, np.random.default_rng(1)))
+    np.testing.assert_array_equal(sample(50, 100, np.random.default_rng(1)), np.arange(50))
 
 
 def test_joints_are_interpolated_between_states():
@@ -91,8 +142,29 @@ def test_joints_are_interpolated_between_states():
     positions, why = buffer.at(1.025)
     assert why == ""
     np.testing.assert_allclose(positions, (0.5, 15.0))
-    assert buffer.covers(1.05)
-    assert not buffer.covers(1.06)
+    assert buffer.reaches(1.05)
+    assert not buffer.reaches(1.08)
+
+
+def test_joints_are_extrapolated_a_little_way_and_no_farther():
+    buffer = JointBuffer(("a",), reach=0.02)
+    buffer.add(1.0, ("a",), (0.0,))
+    np.testing.assert_allclose(buffer.at(1.01)[0], [0.0])
+    buffer.add(1.01, ("a",), (0.1,))
+    np.testing.assert_allclose(buffer.at(1.02)[0], [0.2])
+    np.testing.assert_allclose(buffer.at(0.99)[0], [-0.1])
+    assert buffer.at(1.04)[0] is None
+    assert buffer.at(0.97)[0] is None
+
+
+@pytest.mark.parametrize(
+    ("positions", "why"), [((np.nan,), "not finite"), ((), "1 joint names, but 0 positions")]
+)
+def test_a_joint_state_that_says_nothing_is_refused(positions, why):
+    buffer = JointBuffer(("a",))
+    with pytest.raises(ValueError, match=why):
+        buffer.add(1.0, ("a",), positions)
+    assert buffer.at(1.0)[0] is None
 
 
 @pytest.mark.parametrize(
