@@ -87,7 +87,7 @@ class CompactNetwork(FlowNetwork):
             self.latent = nn.Sequential(
                 nn.Linear(config.latent, width), nn.SiLU(), nn.Linear(width, width)
             )
-        else:
+        elif config.diffusion:
             self.noisy = nn.Linear(12, width)
             self.noisy_point = nn.Linear(3, _LOCAL)
             self.copy = nn.Linear(width, 1)
@@ -149,22 +149,29 @@ class CompactNetwork(FlowNetwork):
         """
         if self.config.latent:
             return self._from_vectors(context, noisy, level)
+        x = context["tokens"]
+        condition = self.level(level)  # (B, D)
+        if self.config.diffusion:
+            pooled = self._pooled(context, noisy)  # (B, T, 12)
+            x = x + self.noisy(pooled)  # (B, T, D)
+        for block in self.blocks:
+            x = block(x, condition)
+        x = self.to_points(x, condition)  # (B, T, 64)
+        point = context["blend"] @ x + context["feature"]  # (B, N, 64)
+        if not self.config.diffusion:
+            return self.head(point)  # type: ignore[no-any-return]
+        # A short way past the transformer: where noise is low, the answer is nearly there already.
+        smooth = context["blend"] @ pooled[..., :3]  # (B, N, 3)
+        share = self.copy(fn.silu(condition)).unsqueeze(1)  # (B, 1, 1)
+        return self.head(point + self.noisy_point(smooth)) + share * smooth  # type: ignore[no-any-return]
+
+    def _pooled(self, context: Context, noisy: Tensor) -> Tensor:
+        """(B, T, 12) mean and first moments of the (B, N, 3) noisy flow over every patch."""
         local = context["local"]  # (B, N, 3): where in its patch a point lies
         moments = torch.cat(
             (noisy, (noisy.unsqueeze(-1) * local.unsqueeze(-2)).flatten(2)), dim=-1
         )  # (B, N, 12)
-        pooled = context["member"].transpose(1, 2) @ moments  # (B, T, 12)
-        pooled = _GAIN * pooled
-        x = context["tokens"] + self.noisy(pooled)  # (B, T, D)
-        condition = self.level(level)  # (B, D)
-        for block in self.blocks:
-            x = block(x, condition)
-        x = self.to_points(x, condition)  # (B, T, 64)
-        # A short way past the transformer: where noise is low, the answer is nearly there already.
-        smooth = context["blend"] @ pooled[..., :3]  # (B, N, 3)
-        point = context["blend"] @ x + context["feature"] + self.noisy_point(smooth)  # (B, N, 64)
-        share = self.copy(fn.silu(condition)).unsqueeze(1)  # (B, 1, 1)
-        return self.head(point) + share * smooth  # type: ignore[no-any-return]
+        return _GAIN * (context["member"].transpose(1, 2) @ moments)
 
     def _from_vectors(self, context: Context, vectors: Tensor, level: Tensor) -> Tensor:
         """(B * S, latent) vectors -> (B * S, N, 3): what belongs to the points is not repeated."""

@@ -87,7 +87,14 @@ def held_out_clouds(
     for number, item in enumerate(objects):
         for k, situation in enumerate(Situation):
             for view in range(views):
-                shown = SampleConfig(points=points, robot_share=float(view % 2), augment=False)
+                shown = SampleConfig(
+                    points=points,
+                    robot_share=float(view % 2),
+                    arm_share=0.0,
+                    table_share=0.0,
+                    max_step=0.2,
+                    augment=False,
+                )
                 rng = np.random.default_rng([seed, number, k, view])
                 sample = draw_sample(item, situation, shown, rng)
                 if sample is not None:

@@ -9,6 +9,7 @@ import torch
 from torch import Tensor
 
 from flowbothd_common.types import Array, Cloud
+from flowbothd_model.data.arm_shadow import hidden_by_arm
 from flowbothd_model.data.articulated import (
     ArticulatedObject,
     Ints,
@@ -60,20 +61,22 @@ def observe(
         if grid is None:
             return None
         depth, face = cast_rays(in_camera, faces, grid)
-        if int((face >= 0).sum()) >= points * (1.6 if view.cut else 1.15):
+        if int((face >= 0).sum()) >= points * (1.15 + 0.45 * bool(view.cut) + 0.6 * bool(view.arm)):
             break
     else:
         return None
     seen, link = _measured(depth, face, item, view, grid, rng)
-    if len(seen) < points:
-        return None
-    pick = rng.permutation(len(seen))[:points]
     rotation, shift = view.T_camera_object[:3, :3], view.T_camera_object[:3, 3]
-    cloud = ((seen[pick] - shift) @ rotation).astype(np.float32)
-    flow = flow_of(item.opening_twists(positions), link[pick], cloud)
+    cloud = ((seen - shift) @ rotation).astype(np.float32)
+    above = np.flatnonzero(cloud[:, 2] > view.floor)
+    if len(above) < points:
+        return None
+    pick = rng.permutation(above)[:points]
+    cloud, link = cloud[pick], link[pick]
+    flow = flow_of(item.opening_twists(positions), link, cloud)
     if np.linalg.norm(flow, axis=1).max() < 1e-6:
         return None
-    return Observation(cloud, max_normalised(flow), link[pick])
+    return Observation(cloud, max_normalised(flow), link)
 
 
 def _grid_over(
@@ -116,6 +119,9 @@ def _measured(
     y = (row + 0.5 - grid.cy) / grid.fy * z
     seen = np.stack((x, y, z), axis=1)
     link = item.vertex_link[item.faces[faces[row, column], 0]]
+    if view.arm and len(seen):
+        shown = ~hidden_by_arm(seen, link, view.arm, rng)
+        seen, link = seen[shown], link[shown]
     if view.cut:
         angle = rng.uniform(0, 2 * np.pi)
         along = seen[:, :2] @ np.array([np.cos(angle), np.sin(angle)])

@@ -48,6 +48,8 @@ class SampleConfig:
     Attributes:
         points: Points per cloud.
         robot_share: Share of views by a robot's camera; the rest as published.
+        arm_share: Share of the robot's views in which its arm may hide part of the object.
+        table_share: Share of them in which what is near the table is lost with it.
         augment: Turn about z by any angle, and mirror half of the samples.
         single_share: Share of opened objects where only the target joint is open, as in a run of
             the policy; otherwise all joints open independently.
@@ -58,11 +60,13 @@ class SampleConfig:
 
     points: int = 1024
     robot_share: float = 0.5
+    arm_share: float = 0.4
+    table_share: float = 0.6
     augment: bool = True
     single_share: float = 0.5
     from_closed_share: float = 0.3
     min_step: float = 0.02
-    max_step: float = 0.2
+    max_step: float = 0.35
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -137,7 +141,7 @@ def _view(
     vertices = item.posed_vertices(positions)
     low, high = vertices.min(0).astype(float), vertices.max(0).astype(float)
     if preset is ViewPreset.ROBOT:
-        return robot_view(rng, low, high)
+        return robot_view(rng, low, high, config.arm_share, config.table_share)
     view = paper_view(rng)
     lift = np.eye(4)
     lift[2, 3] = -low[2]
