@@ -55,14 +55,15 @@ class RunOptions:
 def read_parameters(path: Path) -> Parameters:
     """Parameters of a ROS YAML file: node -> name -> value, groups flattened to dotted names."""
     content = yaml.safe_load(path.read_text()) or {}
-    return {node: _flat(entry["ros__parameters"]) for node, entry in content.items()}
+    return {node: flat_parameters(entry["ros__parameters"]) for node, entry in content.items()}
 
 
-def _flat(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+def flat_parameters(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Nested groups of parameters as one level of dotted names."""
     result: dict[str, Any] = {}
     for name, value in values.items():
         if isinstance(value, Mapping):
-            result.update(_flat(value, f"{prefix}{name}."))
+            result.update(flat_parameters(value, f"{prefix}{name}."))
         else:
             result[prefix + name] = value
     return result

@@ -125,7 +125,7 @@ class InputLog:
 
     def __init__(self, node: Node, base_frame: str) -> None:
         self._node, self._base_frame = node, base_frame
-        self._publisher = node.create_publisher(PolicyInput, "policy/inputs", qos.EVENT)
+        self._publisher = node.create_publisher(PolicyInput, "policy/inputs", qos.STORY)
         self._sequence = 0
 
     def note(self, event: Event) -> tuple[Event, float]:

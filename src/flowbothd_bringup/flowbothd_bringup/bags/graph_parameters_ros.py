@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 from rcl_interfaces.msg import ParameterValue
@@ -61,13 +61,23 @@ class GraphParameters:
 
         def told(found: list[str], future: Future) -> None:
             answer = future.result().values
-            self._values[full] = {
-                name: _plain(value) for name, value in zip(found, answer, strict=False)
-            }
-            self._changed({name.lstrip("/"): known for name, known in self._values.items()})
+            self._keep(full, found, answer)
+            if len(answer) < len(found):
+                # One parameter without a value makes rclpy keep back all: asked one by one.
+                for name in found:
+                    request = GetParameters.Request(names=[name])
+                    values.call_async(request).add_done_callback(
+                        lambda f, name=name: self._keep(full, [name], f.result().values)
+                    )
 
         names.call_async(ListParameters.Request()).add_done_callback(listed)
         return True
+
+    def _keep(self, full: str, names: list[str], answer: Sequence[ParameterValue]) -> None:
+        known = self._values.setdefault(full, {})
+        if len(answer) == len(names):
+            known |= {name: _plain(v) for name, v in zip(names, answer, strict=True)}
+            self._changed({name.lstrip("/"): values for name, values in self._values.items()})
 
 
 def _plain(value: ParameterValue) -> Any:

@@ -35,6 +35,9 @@ COMMAND = _profile(10)
 EVENT = _profile(200)
 """Results, predictions and policy events: none may be lost to a slow reader."""
 
+STORY = _profile(200, latched=True)
+"""Policy inputs: a recorder that starts with the graph must not miss the first ones."""
+
 LATCHED = _profile(1, latched=True)
 """Robot description: late joiners get the last one."""
 

@@ -1,0 +1,146 @@
+"""What a recording tells of a run: inputs, decisions, clouds, predictions, parameters."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import yaml
+from builtin_interfaces.msg import Time
+from numpy.typing import NDArray
+from rclpy.serialization import deserialize_message
+
+from flowbothd_bringup.bags import about
+from flowbothd_bringup.bags.metadata import BagError
+from flowbothd_bringup.bags.reader import Bag, Message, Span
+from flowbothd_bringup.bags.types_ros import message_class
+from flowbothd_bringup.graph import flat_parameters
+from flowbothd_common.ros import clouds
+from flowbothd_common.types import Cloud
+
+INPUTS, EVENTS = "policy/inputs", "policy/events"
+CLOUD, PREDICTION = "object_cloud", "flow/prediction"
+TRUTH = "sim/ground_truth_flow/_service_event"
+
+Stamp = tuple[int, int]
+"""Seconds and nanoseconds, as in the message: exact."""
+
+
+def key(stamp: Time) -> Stamp:
+    """The stamp as a dictionary key."""
+    return stamp.sec, stamp.nanosec
+
+
+def topic_called(bag: Bag, name: str) -> str | None:
+    """The topic of a recording that ends in a relative name; None if there is none.
+
+    Raises:
+        BagError: several, as of two robots in namespaces.
+    """
+    found = [topic for topic in bag.topics if topic == f"/{name}" or topic.endswith(f"/{name}")]
+    if len(found) > 1:
+        raise BagError(f"{bag.path} has several topics called {name}", got=", ".join(found))
+    return found[0] if found else None
+
+
+def decoded(bag: Bag, message: Message) -> Any:
+    """The message as an object.
+
+    Raises:
+        BagError: its type is not installed, or it is damaged.
+    """
+    kind = bag.topics[message.topic].type
+    try:
+        return deserialize_message(message.data, message_class(kind))
+    except BagError:
+        raise
+    except Exception as error:
+        # What rmw raises for bytes of another definition is a bare RuntimeError or worse.
+        raise BagError(
+            f"a message on {message.topic} cannot be read as {kind}",
+            got=error,
+            hint="was it recorded with another version of the type?",
+        ) from error
+
+
+@dataclass
+class Story:
+    """The part of a recording that the policy's decisions depend on.
+
+    Attributes:
+        inputs: PolicyInput messages, in order.
+        events: PolicyEvent messages, in order.
+        clouds: (N, 3) object clouds by stamp.
+        predictions: FlowPrediction messages by stamp of the cloud and seed, in order.
+        truths: The simulation's answers by stamp of the cloud.
+        parameters: Node -> parameter -> value.
+        weights: What the recorder knew of the weights, by node.
+    """
+
+    inputs: list[Any] = field(default_factory=list)
+    events: list[Any] = field(default_factory=list)
+    clouds: dict[Stamp, Cloud] = field(default_factory=dict)
+    predictions: dict[tuple[Stamp, int], list[Any]] = field(
+        default_factory=lambda: defaultdict(list)
+    )
+    truths: dict[Stamp, Any] = field(default_factory=dict)
+    parameters: dict[str, dict[str, Any]] = field(default_factory=dict)
+    weights: dict[str, dict[str, str]] = field(default_factory=dict)
+
+    def prediction_arrays(self, stamp: Stamp, seed: int) -> tuple[Cloud, NDArray[np.float32]]:
+        """(N, 3) points and (S, N, 3) flows recorded for a cloud and a seed.
+
+        Raises:
+            BagError: they were not recorded.
+        """
+        found = [p for p in self.predictions.get((stamp, seed), []) if p.ok]
+        if not found:
+            raise BagError(f"the recording has no {PREDICTION} for stamp {stamp}, seed {seed}")
+        return clouds.from_flow_message(found[-1].flows)
+
+
+def read_story(bag: Bag, span: Span | None = None) -> Story:
+    """Read a recording's story.
+
+    Raises:
+        BagError: the parameters in it cannot be read, or a message is damaged.
+    """
+    story = Story()
+    takers: dict[str, Callable[[Any], None]] = {
+        INPUTS: story.inputs.append,
+        EVENTS: story.events.append,
+        CLOUD: lambda m: story.clouds.update({key(m.header.stamp): _points(m)}),
+        PREDICTION: lambda m: story.predictions[key(m.header.stamp), m.seed].append(m),
+        TRUTH: lambda m: _take_truth(story, m),
+    }
+    found = {topic_called(bag, name): taker for name, taker in takers.items()}
+    names: dict[str, Callable[[Any], None]] = {t: f for t, f in found.items() if t is not None}
+    for message in bag.messages(names, span):
+        names[message.topic](decoded(bag, message))
+    # Two threads of the recorder's middleware may have swapped neighbours; the numbers say how.
+    story.inputs.sort(key=lambda m: m.sequence)
+    files = bag.attachments()
+    story.parameters = stored_parameters(files)
+    story.weights = yaml.safe_load(files.get(about.WEIGHTS, b"")) or {}
+    return story
+
+
+def stored_parameters(files: dict[str, bytes]) -> dict[str, dict[str, Any]]:
+    """Node -> parameter -> value from the files of a recording; empty if they are not in it."""
+    content = yaml.safe_load(files.get(about.PARAMETERS, b"")) or {}
+    return {
+        node.rsplit("/", maxsplit=1)[-1]: flat_parameters(entry["ros__parameters"])
+        for node, entry in content.items()
+    }
+
+
+def _points(message: Any) -> Cloud:
+    return np.ascontiguousarray(clouds.from_cloud_message(message, clouds.XYZ).reshape(-1, 3))
+
+
+def _take_truth(story: Story, message: Any) -> None:
+    for response in message.response:
+        story.truths[key(response.flows.header.stamp)] = response
