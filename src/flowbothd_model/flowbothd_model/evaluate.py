@@ -93,6 +93,7 @@ def held_out_clouds(
                     arm_share=0.0,
                     table_share=0.0,
                     max_step=0.2,
+                    history_tilt=0.0,
                     augment=False,
                 )
                 rng = np.random.default_rng([seed, number, k, view])

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from flowbothd_common.transforms import angle_between, unit
+from flowbothd_common.transforms import angle_between, rotation_between, unit
 from flowbothd_common.types import Array, Cloud
 from flowbothd_policy.params import GraspParams
 from flowbothd_policy.screw import Screw, fit_screw
@@ -120,6 +120,13 @@ def select_grasp(
         smooth = screw.flow_at(point)
         if np.linalg.norm(smooth) > _STILL and angle_between(smooth, own) < np.pi / 2:
             own = smooth
+    normal = _flat_normal(points, norms, index, params) if params.normal_angle > 0 else None
+    if normal is not None:
+        normal = normal * np.copysign(1.0, normal @ own)
+        if angle_between(normal, own) <= params.normal_angle:
+            turn = rotation_between(own, normal)
+            own = turn @ own
+            screw = screw.turned(turn, point) if screw is not None else None
     return Grasp(index, point, own, float(norms[index]), largest, screw, distance)
 
 
@@ -189,6 +196,27 @@ def _most_surrounded(
     return best, best_distance
 
 
+def _flat_normal(
+    points: Cloud, norms: NDArray[np.float32], index: int, params: GraspParams
+) -> Array | None:
+    """(3,) unit normal of the moving surface around a point, either sign; None if not flat."""
+    cloud = points[norms > 0.2 * float(norms.max())].astype(float)
+    radius = max(1.5 * params.edge_margin, 4 * _spacing(cloud))
+    point = points[index].astype(float)
+    fitted = _plane(cloud[np.linalg.norm(cloud - point, axis=1) < radius], point)
+    return fitted[0] if fitted is not None and fitted[1] <= params.flatness else None
+
+
+def _plane(around: Array, point: Array) -> tuple[Array, float] | None:
+    """Normal of (K, 3) points, and how far nine in ten keep to the plane through `point` [m]."""
+    if len(around) < 5:
+        return None
+    centred = around - around.mean(axis=0)
+    normal = np.linalg.eigh(centred.T @ centred)[1][:, 0]
+    off = np.sort(np.abs((around - point) @ normal))
+    return normal, float(off[int(0.9 * (len(off) - 1))])
+
+
 def _spacing(cloud: Array) -> float:
     """Typical distance between neighbouring points [m]."""
     probe = cloud[:: max(1, len(cloud) // 64)]
@@ -210,15 +238,14 @@ def _edge_distance(
     reach = max(3 * params.edge_margin, 6 * spacing)
     near = cloud[np.linalg.norm(cloud - point, axis=1) < reach]
     around = near[np.linalg.norm(near - point, axis=1) < max(params.edge_margin, 3 * spacing)]
-    if len(around) < 5:
+    fitted = _plane(around, point)
+    if fitted is None:
         return -1.0
-    centred = around - around.mean(axis=0)
-    normal = np.linalg.eigh(centred.T @ centred)[1][:, 0]
-    off_plane = np.sort(np.abs((around - point) @ normal))
-    if off_plane[int(0.9 * (len(off_plane) - 1))] > params.flatness:
+    normal, roughness = fitted
+    if roughness > params.flatness:
         return -0.5
     facing = float(np.abs(normal @ unit(flow)))
-    if facing < np.cos(params.max_tilt):
+    if facing < np.cos(max(params.max_tilt, params.normal_angle)):
         return -1.0 + facing * 0.1
     flat = near[np.abs((near - point) @ normal) <= 2 * params.flatness] - point
     first = unit(np.cross(normal, np.eye(3)[int(np.argmin(np.abs(normal)))]))

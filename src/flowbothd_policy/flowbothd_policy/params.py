@@ -37,6 +37,14 @@ class GraspParams:
         "fitted to the flow field, where it fits, which averages the noise of single points",
         choices=("flow", "screw"),
     )
+    normal_angle: float = parameter(
+        math.radians(35.0),
+        "the pull is turned onto the normal of a flat place that lies within this angle of it: a "
+        "cup holds best along the normal, and a flat part moves along it; 0 = the flow as "
+        "predicted, as the paper [rad]",
+        minimum=0.0,
+        maximum=math.pi / 2,
+    )
     screw_residual: float = parameter(
         0.2,
         "largest root mean square residual of a rigid motion fitted to max-normalised flow for "

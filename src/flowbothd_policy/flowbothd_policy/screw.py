@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +37,12 @@ class Screw:
         if self.arc.kind is ArcKind.LINE:
             return np.broadcast_to(self.rate * self.arc.axis, np.shape(point)).copy()
         return np.asarray(self.rate * np.cross(self.arc.axis, point - self.arc.point))
+
+    def turned(self, rotation: Array, about: Array) -> Screw:
+        """The motion turned by `rotation` (3, 3) about a point (3,): its flow there turns too."""
+        point = about + rotation @ (self.arc.point - about)
+        arc = replace(self.arc, axis=rotation @ self.arc.axis, point=point)
+        return replace(self, arc=arc)
 
     def radius_at(self, point: Array) -> float:
         """Distance of a point from the axis of an arc [m]; infinite for a line."""

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flowbothd_common.transforms import angle_between
+from flowbothd_common.transforms import angle_between, rotation_about
 from flowbothd_policy.grasp_selection import Place, select_grasp
 from flowbothd_policy.oracle import OracleParams, draw
 from flowbothd_policy.params import GraspParams
 
-PAPER = GraspParams(edge_margin=0.0, direction="flow")
+PAPER = GraspParams(edge_margin=0.0, direction="flow", normal_angle=0.0)
 
 
 @pytest.fixture
@@ -107,3 +107,31 @@ def test_less_leverage_is_better_than_no_seal():
     wide = select_grasp(points, flow, GraspParams(), leverage=0.2)
     assert wide.edge_distance >= 0.018
     assert 0.5 <= wide.norm < 0.8
+
+
+def leaf_with_flow_off_by(angle):
+    """A leaf in the y-z plane, hinged at y = 0, whose predicted field is turned about z."""
+    rng = np.random.default_rng(5)
+    y, z = rng.uniform(0.0, 0.17, 900), rng.uniform(0.0, 0.43, 900)
+    points = np.column_stack([rng.normal(0, 5e-4, 900), y, z]).astype(np.float32)
+    flow = np.column_stack([y / 0.17, np.zeros_like(y), np.zeros_like(y)])
+    return points, (flow @ rotation_about(np.array([0.0, 0.0, 1.0]), angle).T).astype(np.float32)
+
+
+@pytest.mark.parametrize("degrees", [-30.0, -10.0, 20.0])
+def test_pull_and_motion_turn_onto_the_normal_of_a_flat_part(degrees):
+    points, flow = leaf_with_flow_off_by(np.radians(degrees))
+    grasp = select_grasp(points, flow, GraspParams(), leverage=0.2)
+    assert angle_between(grasp.direction, np.array([1.0, 0.0, 0.0])) < np.radians(2)
+    assert grasp.screw is not None
+    there = grasp.screw.flow_at(grasp.point)
+    assert angle_between(there, grasp.direction) < np.radians(2)
+    assert np.linalg.norm(there) == pytest.approx(np.linalg.norm(grasp.flow), rel=1e-6)
+
+
+def test_a_pull_far_from_the_normal_stays_as_predicted():
+    points, flow = leaf_with_flow_off_by(np.radians(50))
+    grasp = select_grasp(points, flow, GraspParams(direction="flow"), leverage=0.2)
+    assert angle_between(grasp.direction, np.array([1.0, 0.0, 0.0])) == pytest.approx(
+        np.radians(50), abs=np.radians(3)
+    )

@@ -34,7 +34,9 @@ from flowbothd_policy.params import GraspParams, PolicyParams
 from flowbothd_policy.state import Phase, PolicyState
 from flowbothd_policy.state_machine import advance, waiting
 
-PARAMS = PolicyParams(grasp=GraspParams(edge_margin=0.0, direction="flow"), compliance=0.0)
+PARAMS = PolicyParams(
+    grasp=GraspParams(edge_margin=0.0, direction="flow", normal_angle=0.0), compliance=0.0
+)
 RNG = np.random.default_rng(0)
 POINTS = np.column_stack(
     [np.full(64, 0.5), np.linspace(-0.1, 0.1, 64), 0.2 + 0.1 * RNG.random(64)]
@@ -562,7 +564,7 @@ def test_a_retreat_that_fails_is_tried_again_then_told():
 
 def test_the_switch_test_sees_through_the_arm():
     """The arm hides what it holds; the nearest visible point then belongs to something else."""
-    params = replace(PARAMS, grasp=GraspParams(edge_margin=0.0, direction="flow"))
+    params = replace(PARAMS, grasp=GraspParams(edge_margin=0.0, direction="flow", normal_angle=0.0))
     rng = np.random.default_rng(0)
     leaf = np.column_stack(
         [np.full(400, 0.5), rng.uniform(-0.1, 0.1, 400), rng.uniform(0, 0.4, 400)]

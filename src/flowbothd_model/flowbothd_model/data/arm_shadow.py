@@ -18,6 +18,7 @@ _PUMP, _ARM = (0.10, 0.055), (0.22, 0.075)
 _REACH = 0.9
 """Distance from the contact and radius of what hides: cup, stem, pump, forearm [m]."""
 
+_SPHERES = 20
 _MOST = 0.6
 
 
@@ -37,19 +38,21 @@ def hidden_by_arm(
     towards_camera = -unit(contact)
     first = unit(towards_camera + 0.9 * rng.normal(size=3))
     second = unit(first + 0.7 * rng.normal(size=3))
-    distances = np.linspace(0.0, _REACH, 40)
+    distances = _REACH * np.linspace(0.0, 1.0, _SPHERES) ** 2  # closer where it is thin
     starts, sizes = np.array((_CUP, _STEM, _PUMP, _ARM)).T
     radii = np.interp(distances, starts, sizes) * metre
     bend = _ARM[0] + 0.1
-    centres = contact + metre * (
+    way = (
         np.minimum(distances, bend)[:, None] * first
         + np.maximum(distances - bend, 0.0)[:, None] * second
-    )  # (40, 3)
-    rays = seen / np.linalg.norm(seen, axis=1, keepdims=True)
-    along = centres @ rays.T  # (40, M)
+    )
+    centres = (contact + metre * way).astype(np.float32)  # (K, 3)
+    depth = np.linalg.norm(seen, axis=1).astype(np.float32)
+    rays = seen.astype(np.float32) / depth[:, None]
+    along = centres @ rays.T  # (K, M)
     off = np.sum(centres**2, axis=1)[:, None] - along**2
     # The part itself may lie a little in front of the contact that was drawn on it.
-    nearer = along < np.linalg.norm(seen, axis=1) + 0.02 * metre
+    nearer = along < depth + 0.02 * metre
     hidden = np.asarray(((off < radii[:, None] ** 2) & (along > 0) & nearer).any(0))
     if hidden[link == link[touched]].mean() > _MOST:
         return np.zeros(len(seen), dtype=bool)

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 import numpy as np
 import torch
 
+from flowbothd_common.transforms import unit
 from flowbothd_common.types import Array
-from flowbothd_model.data.articulated import ArticulatedObject
+from flowbothd_model.data.articulated import ArticulatedObject, axis_rotation
 from flowbothd_model.data.camera import View, ViewPreset, paper_view, robot_view
 from flowbothd_model.data.observation import Observation, observe, turned
 
@@ -50,6 +51,8 @@ class SampleConfig:
         robot_share: Share of views by a robot's camera; the rest as published.
         arm_share: Share of the robot's views in which its arm may hide part of the object.
         table_share: Share of them in which what is near the table is lost with it.
+        history_tilt: Standard deviation of an angle by which the history's flow is off [rad]: in a
+            run it is what the network predicted, not the truth.
         augment: Turn about z by any angle, and mirror half of the samples.
         single_share: Share of opened objects where only the target joint is open, as in a run of
             the policy; otherwise all joints open independently.
@@ -62,6 +65,7 @@ class SampleConfig:
     robot_share: float = 0.5
     arm_share: float = 0.4
     table_share: float = 0.6
+    history_tilt: float = 0.15
     augment: bool = True
     single_share: float = 0.5
     from_closed_share: float = 0.3
@@ -98,12 +102,19 @@ def draw_sample(
             history = observe(item, before, view, config.points, rng, device)
             if history is None:
                 continue
+            history = _tilted(history, float(rng.normal(0.0, config.history_tilt)), rng)
         if config.augment:
             yaw, mirror = float(rng.uniform(-np.pi, np.pi)), bool(rng.random() < 0.5)
             current = turned(current, yaw, mirror)
             history = turned(history, yaw, mirror) if history is not None else None
         return Sample(current, history, item.category, item.name, situation)
     return None
+
+
+def _tilted(seen: Observation, angle: float, rng: np.random.Generator) -> Observation:
+    """The observation with its flow turned about a random axis, everywhere alike."""
+    turn = axis_rotation(unit(rng.normal(size=3)), angle).astype(np.float32)
+    return replace(seen, flow=seen.flow @ turn.T)
 
 
 def _positions(
