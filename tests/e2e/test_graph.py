@@ -13,6 +13,7 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS is not installed")
 pytestmark = [pytest.mark.e2e, pytest.mark.ros, pytest.mark.timeout(420)]
 
+FLOWBOTHD = (sys.executable, "-m", "flowbothd_bringup.cli")
 ERROR = 2
 NODES = (
     "bridge_node",
@@ -30,9 +31,8 @@ SLACK = 0.5
 
 
 def demo(out, *arguments, timeout) -> subprocess.CompletedProcess:
-    command = (sys.executable, "-m", "flowbothd_bringup.cli", "demo", *arguments)
     return subprocess.run(
-        [*command, "--out", str(out)],
+        [*FLOWBOTHD, "demo", *arguments, "--out", str(out)],
         capture_output=True,
         text=True,
         timeout=timeout,
@@ -87,16 +87,60 @@ def test_graphs_in_different_domains_do_not_see_each_other(start_graph):
         rclpy.shutdown(context=context)
 
 
-def test_the_demo_opens_the_door_and_writes_its_report(tmp_path):
+@pytest.fixture(scope="module")
+def demo_run(tmp_path_factory):
+    """Output folder and process of one demo, which several tests look at."""
+    out = tmp_path_factory.mktemp("demo")
     options = ("--seed", "1", "--mode", "push_left", "--predictor", "oracle")
-    done = demo(tmp_path, *options, timeout=360)
+    return out, demo(out, *options, timeout=360)
+
+
+def test_the_demo_opens_the_door_and_writes_its_report(demo_run):
+    out, done = demo_run
     assert done.returncode == 0, done.stdout[-4000:] + done.stderr[-2000:]
-    summary = json.loads((tmp_path / "summary.json").read_text())
+    summary = json.loads((out / "summary.json").read_text())
     assert summary["success"] is True and summary["open_ratio"] > 0.9
     assert summary["mode"] == "push_left" and summary["seed"] == 1
     assert {"steps", "grasps", "resamples", "wall_s", "sim_s"} <= set(summary)
     for name in ("report.html", "rollout.png", "rollout.gif", "signals.png", "record.json"):
-        assert (tmp_path / name).stat().st_size > 500
+        assert (out / name).stat().st_size > 500
+
+
+@pytest.mark.parametrize("nodes", ["policy", "perception,inference,policy"])
+def test_the_recorded_demo_is_decided_the_same_way_again(demo_run, tmp_path, nodes):
+    """Whatever the outcome: seeds and stamps alone decide what the nodes put out."""
+    out, _ = demo_run
+    command = (*FLOWBOTHD, "replay", str(out / "bag"), "--recompute", nodes)
+    report = tmp_path / "report.json"
+    done = subprocess.run(
+        [*command, "--report", str(report)],
+        capture_output=True,
+        text=True,
+        timeout=240,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    found = {node["node"]: node for node in json.loads(report.read_text())["nodes"]}
+    assert set(found) == set(nodes.split(","))
+    assert found["policy"]["compared"] == found["policy"]["equal"] > 5
+    if "perception" in found:
+        assert found["perception"]["equal"] > 50
+
+
+def test_a_changed_parameter_shows_as_a_divergence(demo_run):
+    """A comparison that could not fail would prove nothing."""
+    from flowbothd_bringup.bags.reader import Bag
+    from flowbothd_bringup.replay.policy_run import compare_decisions, decide_again
+    from flowbothd_bringup.replay.recompute import _Sources
+    from flowbothd_bringup.replay.story import read_story
+
+    story = read_story(Bag(demo_run[0] / "bag"))
+    story.parameters["policy_node"]["step_distance"] = 0.02
+    story.parameters["policy_node"]["seed"] = 4711
+    decisions = list(decide_again(story, _Sources(story, {}, None)))
+    compared = compare_decisions(story, decisions)
+    assert not compared.identical
+    assert compared.first is not None and "was" in compared.text()
 
 
 @pytest.mark.parametrize(

@@ -59,6 +59,17 @@ COMMANDS = (
         ),
     ),
     Command(
+        "replay",
+        "flowbothd_bringup.replay.replay_command",
+        "play a recording to nodes, or compute nodes anew on it and compare",
+        (
+            "flowbothd replay out/demo/bag --rate 2 --from 5 --to 20",
+            "flowbothd replay out/demo/bag --recompute policy",
+            "flowbothd replay out/demo/bag --recompute perception,inference,policy",
+            "flowbothd replay rosbag2_2026_01_01-12_00_00 --nodes perception",
+        ),
+    ),
+    Command(
         "trials",
         "flowbothd_bringup.trials",
         "open objects many times in the stepped world and print the table of successes",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any
 
 from rcl_interfaces.msg import ParameterValue
@@ -54,30 +54,35 @@ class GraphParameters:
         if not (names.service_is_ready() and values.service_is_ready()):
             return False
 
-        def listed(future: Future) -> None:
-            found = list(future.result().result.names)
-            request = GetParameters.Request(names=found)
-            values.call_async(request).add_done_callback(lambda f: told(found, f))
-
-        def told(found: list[str], future: Future) -> None:
-            answer = future.result().values
-            self._keep(full, found, answer)
-            if len(answer) < len(found):
-                # One parameter without a value makes rclpy keep back all: asked one by one.
-                for name in found:
-                    request = GetParameters.Request(names=[name])
-                    values.call_async(request).add_done_callback(
-                        lambda f, name=name: self._keep(full, [name], f.result().values)
-                    )
-
-        names.call_async(ListParameters.Request()).add_done_callback(listed)
+        names.call_async(ListParameters.Request()).add_done_callback(
+            lambda future: self._read(full, values, [list(future.result().result.names)], {})
+        )
         return True
 
-    def _keep(self, full: str, names: list[str], answer: Sequence[ParameterValue]) -> None:
-        known = self._values.setdefault(full, {})
-        if len(answer) == len(names):
-            known |= {name: _plain(v) for name, v in zip(names, answer, strict=True)}
+    def _read(self, full: str, client: Client, todo: list[list[str]], known: Values) -> None:
+        """Ask for the values of one group of names after the other.
+
+        One parameter without a value makes rclpy keep back those of the whole request, so a group
+        that is refused is halved. One request at a time: a service keeps no more than ten.
+        """
+        if not todo:
+            self._values[full] = known
             self._changed({name.lstrip("/"): values for name, values in self._values.items()})
+            return
+        names, rest = todo[0], todo[1:]
+
+        def told(future: Future) -> None:
+            answer = future.result().values
+            if len(answer) == len(names):
+                more = {name: _plain(v) for name, v in zip(names, answer, strict=True)}
+                self._read(full, client, rest, known | more)
+            elif len(names) > 1:
+                middle = len(names) // 2
+                self._read(full, client, [names[:middle], names[middle:], *rest], known)
+            else:
+                self._read(full, client, rest, known)
+
+        client.call_async(GetParameters.Request(names=names)).add_done_callback(told)
 
 
 def _plain(value: ParameterValue) -> Any:
