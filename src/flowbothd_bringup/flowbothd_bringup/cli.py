@@ -88,6 +88,15 @@ COMMANDS = (
         ("flowbothd bench model --json out/bench_model.json",),
     ),
     Command(
+        "bench perception",
+        "flowbothd_bringup.bench_perception",
+        "time perception, feed its node at camera rate, compare every pixel with the truth",
+        (
+            "flowbothd bench perception --json out/bench_perception.json",
+            "flowbothd bench perception --seconds 0 --truth 200",
+        ),
+    ),
+    Command(
         "bench sim",
         "flowbothd_bringup.bench_sim",
         "time the simulation: camera, physics, motion, whole rollouts",

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,9 @@ from flowbothd_perception.crop import inside_box
 from flowbothd_perception.frame import CloudFrame, DepthFrame, Frame, Optics
 from flowbothd_perception.params import PipelineParams
 from flowbothd_perception.pipeline import PerceptionPipeline, Verdict
+
+KINDS = ("depth", "cloud", "loose")
+"""Forms in which frames are given: 16 bit depth, organised cloud, valid points alone."""
 
 
 @dataclass
@@ -79,12 +83,12 @@ class Tally:
             "robot_removed": _share(self.robot_left, self.robot),
             "object_kept": _share(self.object_taken, self.object),
             "object_kept_with_crop": _share(self.object_lost, self.object),
-            "flying_removed": _share(self.flying_left, self.flying, rest=False),
+            "flying_removed": _share(self.flying_left, self.flying),
             "surface_kept": _share(self.surface_lost, self.surface),
         }
 
 
-def _share(part: int, whole: int, *, rest: bool = True) -> float:
+def _share(part: int, whole: int) -> float:
     if not whole:
         return float("nan")
     return 1.0 - part / whole
@@ -97,6 +101,14 @@ class TruthReport:
     total: Tally = field(default_factory=Tally)
     by_object: dict[str, Tally] = field(default_factory=dict)
     by_mount: dict[str, Tally] = field(default_factory=dict)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Shares and counts for a file."""
+        return {
+            "total": {**self.total.shares(), **asdict(self.total)},
+            "by_object": {name: tally.shares() for name, tally in self.by_object.items()},
+            "by_mount": {name: tally.shares() for name, tally in self.by_mount.items()},
+        }
 
     def add(
         self, frame: TruthFrame, verdicts: NDArray[np.uint8], inside: NDArray[np.bool_]
@@ -127,8 +139,7 @@ class TruthCheck:
         urdf: The robot description.
         directions: (H, W, 3) of the camera's pixels, z = 1.
         params: Of the pipeline.
-        kind: Which form the frames take: depth (16 bit), cloud (organised) or loose (valid points
-            only).
+        kind: One of KINDS.
     """
 
     def __init__(

@@ -146,13 +146,16 @@ class CloudFrame:
         height, width = values.shape[:2] if values.ndim == 3 else (1, values.shape[0])
         # One column is as loose as one row.
         self.shape = (1, height * width) if width == 1 else (height, width)
-        self._points = np.ascontiguousarray(values, dtype=np.float32).reshape(-1, 3)
+        # Coordinates apart: arithmetic on every third number takes several times as long.
+        self._x, self._y, self._z = (
+            np.ascontiguousarray(values[..., axis], dtype=np.float32).reshape(-1)
+            for axis in range(3)
+        )
         self._max_depth = max_depth
 
     def measured(self) -> int:
         """How many points were measured."""
-        z = self._points[:, 2]
-        return int(np.count_nonzero((z > 0) & (z < np.float32(np.inf))))
+        return int(np.count_nonzero((self._z > 0) & (self._z < np.float32(np.inf))))
 
     def inside(self, T_base_camera: Array, params: CropParams) -> Indices:
         """Points that lie in the workspace, ascending.
@@ -162,28 +165,31 @@ class CloudFrame:
         matrix = T_base_camera.astype(np.float32)
         low, high = np.float32(params.min_corner[2]), np.float32(params.max_corner[2])
         with np.errstate(invalid="ignore", over="ignore"):
-            # Column by column: a matrix product takes ten times as long, and longer with NaN.
-            height = self._points[:, 0] * matrix[2, 0]
-            height += self._points[:, 1] * matrix[2, 1]
-            height += self._points[:, 2] * matrix[2, 2]
+            # Not as a matrix product: that takes ten times as long, and longer with NaN.
+            height = self._x * matrix[2, 0]
+            height += self._y * matrix[2, 1]
+            height += self._z * matrix[2, 2]
             height += matrix[2, 3]
-            keep = (height >= low) & (height <= high) & (self._points[:, 2] > 0)
+            keep = (height >= low) & (height <= high) & (self._z > 0)
             pixels = np.flatnonzero(keep)
-            left = self._points[pixels]
+            left = self.points(pixels)
             base = to_base(T_base_camera, left)
             # Zero times infinity: such points are invalid, and the box refuses NaN.
             return pixels[inside_box(base, params) & (left[:, 2] <= np.float32(self._max_depth))]
 
     def points(self, pixels: Indices) -> Cloud:
         """(n, 3) points, in the optical frame."""
-        return self._points[pixels]
+        result = np.empty((len(pixels), 3), dtype=np.float32)
+        for axis, values in enumerate((self._x, self._y, self._z)):
+            result[:, axis] = values[pixels]
+        return result
 
     def grid(self, pixels: Indices) -> tuple[NDArray[Any], float, Indices, float]:
         """The z of an organised cloud; for a loose one, those points seen through a pinhole."""
         if self.shape[0] > 1:
-            depth = self._points[:, 2].reshape(self.shape)
-            return depth, 1.0, pixels, _pitch_of(self._points.reshape(*self.shape, 3))
-        points = self._points[pixels]
+            depth = self._z.reshape(self.shape)
+            return depth, 1.0, pixels, _pitch_of(self._x.reshape(self.shape), depth)
+        points = self.points(pixels)
         with np.errstate(over="ignore"):
             rays = points[:, :2] / points[:, 2:]
         pitch = _FINEST_PITCH
@@ -206,19 +212,19 @@ def _seen_through_pinhole(
     if not len(rays):
         return np.zeros((1, 1), dtype=np.float32), np.zeros(0, dtype=np.intp)
     # Nothing useful is seen beyond 80 degrees; limits keep a stray point from filling memory.
-    cells = np.rint(np.clip(rays, -6.0, 6.0) / pitch).astype(np.intp)
-    cells -= cells.min(axis=0)
-    width, height = cells.max(axis=0) + 1
-    where = cells[:, 1] * width + cells[:, 0]
+    u, v = (np.rint(np.clip(rays[:, axis], -6.0, 6.0) / np.float32(pitch)) for axis in (0, 1))
+    left, top = u.min(), v.min()
+    width, height = int(u.max() - left) + 1, int(v.max() - top) + 1
+    where = (v - top).astype(np.intp) * width + (u - left).astype(np.intp)
     image = np.zeros(height * width, dtype=np.float32)
     image[where] = z
     return image.reshape(height, width), where
 
 
-def _pitch_of(values: NDArray[np.float32]) -> float:
+def _pitch_of(x: NDArray[np.float32], z: NDArray[np.float32]) -> float:
     """Angle between neighbouring points of an organised cloud, from a few of its rows [rad]."""
-    rows = values[:: max(1, len(values) // 8)]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        steps = np.abs(np.diff(rows[..., 0] / rows[..., 2], axis=1))
+    every = max(1, len(x) // 8)
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        steps = np.abs(np.diff(x[::every] / z[::every], axis=1))
     steps = steps[np.isfinite(steps) & (steps > 0)]
     return float(np.median(steps)) if len(steps) else _FINEST_PITCH

@@ -6,12 +6,13 @@ import sys
 
 import numpy as np
 from numpy.typing import NDArray
-from sensor_msgs.msg import CameraInfo, Image, PointCloud2
+from sensor_msgs.msg import CameraInfo, Image
 
 from flowbothd_common.errors import FrameUnavailableError, InvalidCloudError
 from flowbothd_common.ros import clouds
 from flowbothd_perception.depth import Lens, ray_table
 from flowbothd_perception.frame import CloudFrame, DepthFrame, Frame, Optics
+from flowbothd_perception.raw_cloud_ros import AnyCloud
 
 _TYPES = {"16UC1": np.uint16, "mono16": np.uint16, "32FC1": np.float32}
 
@@ -39,7 +40,7 @@ class FrameReader:
         if lens != self._lens:
             self._lens, self._optics = lens, Optics(ray_table(lens))
 
-    def read(self, message: Image | PointCloud2) -> Frame:
+    def read(self, message: Image | AnyCloud) -> Frame:
         """The frame of a message.
 
         Raises:
@@ -53,13 +54,13 @@ class FrameReader:
                 allowed=self._frame_id,
                 hint="camera.frame names the optical frame that camera.position is about",
             )
-        if isinstance(message, PointCloud2):
+        if isinstance(message, AnyCloud):
             return CloudFrame(self._shaped(message), self._max_depth)
         if self._optics is None:
             raise FrameUnavailableError("no intrinsics of the depth camera yet")
         return DepthFrame(from_depth_image(message), self._optics, self._max_depth)
 
-    def _shaped(self, message: PointCloud2) -> NDArray[np.float32]:
+    def _shaped(self, message: AnyCloud) -> NDArray[np.float32]:
         """(H, W, 3); some drivers flatten an organised cloud, which the intrinsics' size tells."""
         values = clouds.from_cloud_message(message, clouds.XYZ)
         lens = self._lens

@@ -84,7 +84,7 @@ class OutlierParams:
     """Removal of flying pixels and of what the robot filter leaves along the arm's outline."""
 
     candidates: int = parameter(
-        2400,
+        1800,
         "points off the robot that are judged by their distances, drawn at random; "
         "never less than sampling.points",
         minimum=1,

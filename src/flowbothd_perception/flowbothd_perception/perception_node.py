@@ -24,6 +24,7 @@ from flowbothd_perception.joint_buffer import JointBuffer
 from flowbothd_perception.outputs_ros import CloudOutputs
 from flowbothd_perception.params import PerceptionNodeParams
 from flowbothd_perception.pipeline import PerceptionPipeline
+from flowbothd_perception.raw_cloud_ros import AnyCloud, read_cloud
 from flowbothd_perception.statistics import FrameStatistics
 from flowbothd_perception.waiting import WaitingFrames
 
@@ -39,7 +40,7 @@ class PerceptionNode(Node):
         self._joints: JointBuffer | None = None
         self._description = ""
         self._reader = FrameReader(params.camera.frame, params.max_depth)
-        self._waiting: WaitingFrames[Image | PointCloud2] = WaitingFrames(params.joint_wait)
+        self._waiting: WaitingFrames[Image | AnyCloud] = WaitingFrames(params.joint_wait)
         self._statistics = FrameStatistics()
         self._trouble: dict[str, str] = {}
         self._try_to_process = self._guarded("frame", self._process)
@@ -57,11 +58,13 @@ class PerceptionNode(Node):
         camera = self._params.camera
         profile = qos.FRAMES_BEST_EFFORT if camera.best_effort else qos.FRAMES
 
-        def listen(kind: type, topic: str, callback: Callable[[Any], None], quality: Any) -> None:
-            self.create_subscription(kind, topic, self._guarded(topic, callback), quality)
+        def listen(
+            kind: type, topic: str, callback: Callable[[Any], None], quality: Any, raw: bool = False
+        ) -> None:
+            self.create_subscription(kind, topic, self._guarded(topic, callback), quality, raw=raw)
 
         listen(String, "robot_description", self._on_description, qos.LATCHED)
-        listen(JointState, "joint_states", self._on_joints, qos.STATE)
+        listen(JointState, "joint_states", self._on_joints, qos.STATE_NEWEST)
         listen(CameraInfo, camera.info_topic, self._on_info, profile)
         if self._params.input == "depth":
             self._camera_topics: tuple[str, ...] = (camera.depth_topic, camera.info_topic)
@@ -69,7 +72,7 @@ class PerceptionNode(Node):
         else:
             # Clouds do without the intrinsics, but a flattened one gets its shape back from them.
             self._camera_topics = (camera.cloud_topic,)
-            listen(PointCloud2, camera.cloud_topic, self._on_frame, profile)
+            listen(PointCloud2, camera.cloud_topic, self._on_cloud, profile, raw=True)
 
     def _guarded(self, topic: str, callback: Callable[[Any], None]) -> Callable[[Any], None]:
         """The callback, but what is wrong with a message is told and kept from the executor."""
@@ -116,7 +119,10 @@ class PerceptionNode(Node):
         self._heard_camera.heard(self._params.camera.info_topic)
         self._reader.learn(message)
 
-    def _on_frame(self, message: Image | PointCloud2) -> None:
+    def _on_cloud(self, raw: bytes) -> None:
+        self._on_frame(read_cloud(raw))
+
+    def _on_frame(self, message: Image | AnyCloud) -> None:
         now = time.monotonic()
         self._heard_camera.heard(self._camera_topics[0])
         self._statistics.arrived(now)
@@ -138,7 +144,7 @@ class PerceptionNode(Node):
         self._remark = f"frame dropped: {why}"
         self._statistics.dropped()
 
-    def _process(self, waited: tuple[Image | PointCloud2, float, Array]) -> None:
+    def _process(self, waited: tuple[Image | AnyCloud, float, Array]) -> None:
         message, arrived, positions = waited
         if self._pipeline is None:
             return

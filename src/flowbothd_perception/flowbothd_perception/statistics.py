@@ -8,7 +8,8 @@ import numpy as np
 
 from flowbothd_perception.pipeline import PerceptionResult
 
-_WINDOW = 300
+_WINDOW = 1800
+"""Frames that timings are about: a minute at 30 Hz."""
 
 
 class FrameStatistics:

@@ -17,6 +17,10 @@ def _profile(depth: int, *, reliable: bool = True, latched: bool = False) -> QoS
 STATE = _profile(50)
 """Joint states, suction and simulation state: reliable, short queue."""
 
+STATE_NEWEST = _profile(50, reliable=False)
+"""Subscribing to states of which any one may be missed: a lost one must not hold up the next,
+which a reliable reader waits with until the lost one has been sent again, a second or more."""
+
 SENSOR = _profile(5, reliable=False)
 """Subscribing to sensors of others: best effort also matches reliable publishers."""
 
