@@ -116,7 +116,7 @@ def plain(depth: NDArray[Any], T_base_camera: np.ndarray, lens: Intrinsics, box:
     )
     image: Any = geometry.Image(cast("Any", depth))
     cloud = geometry.PointCloud.create_from_depth_image(
-        geometry.Image(np.asarray(depth, dtype=np.uint16)),
+        image,
         intrinsics,
         depth_scale=1000.0,
         depth_trunc=3.0,
