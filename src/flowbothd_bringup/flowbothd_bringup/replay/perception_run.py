@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 from typing import Any
 
 import numpy as np
@@ -23,8 +23,13 @@ NODE = "perception_node"
 _ORDER = {"String": 0, "CameraInfo": 1, "JointState": 2}
 """Of messages with the same stamp: what a frame needs comes before it."""
 
-_AHEAD = 0.5
-"""Seconds of receive time within which messages are put into the order of their stamps [s]."""
+_FRAMES = ("Image", "PointCloud2")
+
+_AHEAD = 1.0
+"""How late a message may be received behind others of its stamp and still find its place [s]."""
+
+_LEADS = 4
+"""Joint states that may have come too late for a frame."""
 
 
 class _Captured:
@@ -54,25 +59,57 @@ class _ReplayedPerception(PerceptionNode):
         return _Captured(self.outputs.setdefault(topic, []))
 
 
-def perceive_again(
-    bag: Bag, story: Story, span: Span | None = None
-) -> Iterator[tuple[Stamp, Cloud]]:
-    """Stamp and points of the object cloud of every frame whose cloud was recorded.
+def perceive_again(bag: Bag, story: Story, span: Span | None = None) -> dict[Stamp, Cloud]:
+    """Points of the object cloud of every frame whose cloud was recorded, by stamp.
 
     Messages are given to the node in the order of their stamps, so that neither the load of the
-    machine nor the order of arrival decides anything.
+    machine nor the order of arrival decides anything. One thing the recording does not say: which
+    joint states the node had when it took a frame. It does not wait for the last ones before a
+    frame but extrapolates a little, so where the cloud is not the recorded one, the frame is given
+    to it again ahead of up to `_LEADS` joint states, and what fits the recording is taken.
 
     Raises:
         BagError: the recording lacks the node's parameters or a topic that it listens to.
     """
     if NODE not in story.parameters:
         raise BagError(f"the recording has no parameters of {NODE}")
+    result = dict(_pass(bag, story, frozenset(story.clouds), 0.0, span))
+    period = joint_period(bag, span)
+    for lead in range(1, _LEADS + 1):
+        other = frozenset(
+            stamp
+            for stamp, points in story.clouds.items()
+            if stamp not in result or not np.array_equal(result[stamp], points)
+        )
+        if not other:
+            break
+        for stamp, points in _pass(bag, story, other, (lead - 0.5) * period, span):
+            if np.array_equal(points, story.clouds[stamp]):
+                result[stamp] = points
+    return result
+
+
+def joint_period(bag: Bag, span: Span | None = None) -> float:
+    """Median time between joint states [s]; 0 if there are none."""
+    topics = [name for name in bag.topics if name.endswith("/joint_states")]
+    stamps = []
+    for message in bag.messages(topics, span):
+        stamps.append(_seconds(key(decoded(bag, message).header.stamp)))
+        if len(stamps) > 500:
+            break
+    return float(np.median(np.diff(stamps))) if len(stamps) > 1 else 0.0
+
+
+def _pass(
+    bag: Bag, story: Story, stamps: frozenset[Stamp], lead: float, span: Span | None
+) -> Iterator[tuple[Stamp, Cloud]]:
+    """Stamp and points for frames with the given stamps, each `lead` seconds ahead of its time."""
     context = Context()
     rclpy.init(context=context, domain_id=own_domain(), args=[])
     node: _ReplayedPerception | None = None
     try:
         node = _ReplayedPerception(context=context, parameter_overrides=_overrides(story))
-        yield from _feed(node, bag, story, span)
+        yield from _feed(node, bag, stamps, lead, span)
     finally:
         if node is not None:
             node.destroy_node()
@@ -90,7 +127,7 @@ def _overrides(story: Story) -> list[Parameter]:
 
 
 def _feed(
-    node: _ReplayedPerception, bag: Bag, story: Story, span: Span | None
+    node: _ReplayedPerception, bag: Bag, stamps: frozenset[Stamp], lead: float, span: Span | None
 ) -> Iterator[tuple[Stamp, Cloud]]:
     callbacks = {s.topic_name: s.callback for s in node.subscriptions}
     present = {name: callback for name, callback in callbacks.items() if name in bag.topics}
@@ -102,8 +139,8 @@ def _feed(
             hint="a node that takes camera clouds needs a recording with --profile all",
         )
     sink = node.outputs["object_cloud"]
-    for message in _by_stamp(bag, present, story, span):
-        present[message[0]](message[1])
+    for topic, message in _by_stamp(bag, present, stamps, lead, span):
+        present[topic](message)
         for cloud in sink:
             points = clouds.from_cloud_message(cloud, clouds.XYZ).reshape(-1, 3)
             yield key(cloud.header.stamp), np.ascontiguousarray(points)
@@ -111,21 +148,29 @@ def _feed(
 
 
 def _by_stamp(
-    bag: Bag, topics: dict[str, Any], story: Story, span: Span | None
+    bag: Bag,
+    topics: Collection[str],
+    stamps: frozenset[Stamp],
+    lead: float,
+    span: Span | None,
 ) -> Iterator[tuple[str, Any]]:
-    """Topic and message, in the order of stamps; frames only if their cloud was recorded."""
-    held: list[tuple[Stamp, int, int, str, Any]] = []
+    """Topic and message in the order of stamps; frames only if their stamp is among `stamps`."""
+    held: list[tuple[float, int, int, str, Any]] = []
+    newest = 0.0
     for number, entry in enumerate(bag.messages(topics, span)):
         message = decoded(bag, entry)
         kind = type(message).__name__
         stamp = key(message.header.stamp) if hasattr(message, "header") else (0, 0)
-        if kind in ("Image", "PointCloud2") and stamp not in story.clouds:
-            continue
-        held.append((stamp, _ORDER.get(kind, 3), number, entry.topic, message))
-        newest = max(held)[0]
-        if len(held) > 2000 or (held and _seconds(newest) - _seconds(min(held)[0]) > 2 * _AHEAD):
+        at = _seconds(stamp)
+        if kind in _FRAMES:
+            if stamp not in stamps:
+                continue
+            at -= lead
+        newest = max(newest, at)
+        held.append((at, _ORDER.get(kind, 3), number, entry.topic, message))
+        if newest - held[0][0] > 2 * _AHEAD:
             held.sort(key=lambda h: h[:3])
-            ready = [h for h in held if _seconds(newest) - _seconds(h[0]) > _AHEAD]
+            ready = [h for h in held if newest - h[0] > _AHEAD]
             held = held[len(ready) :]
             yield from ((topic, m) for *_, topic, m in ready)
     held.sort(key=lambda h: h[:3])

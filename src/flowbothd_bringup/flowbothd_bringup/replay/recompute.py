@@ -118,7 +118,7 @@ def recompute(bag: Bag, nodes: Collection[str], span: Span | None = None) -> Rec
     result = Recomputed(problems=list(bag.problems))
     new_clouds: dict[Stamp, Cloud] = {}
     if "perception" in nodes:
-        new_clouds = dict(perceive_again(bag, story, span))
+        new_clouds = perceive_again(bag, story, span)
         result.comparisons.append(_compare_clouds(story, new_clouds))
     if set(nodes) == {"perception"}:
         return result
