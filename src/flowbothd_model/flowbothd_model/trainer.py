@@ -204,9 +204,13 @@ def _device(name: str) -> torch.device:
 
 
 def _quiet_worker(_worker: int) -> None:
-    """Data processes use one thread each and leave signals to the training process."""
+    """Data processes use one thread each and leave signals to the training process.
+
+    They end when it does; ended by a signal to the whole group, they would take its last steps.
+    """
     torch.set_num_threads(1)
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, signal.SIG_IGN)
 
 
 @contextlib.contextmanager

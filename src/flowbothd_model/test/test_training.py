@@ -1,5 +1,6 @@
 """Training: the same curve from the same seed, and nothing lost by a kill."""
 
+import multiprocessing
 import os
 import signal
 import subprocess
@@ -69,20 +70,25 @@ def _kill_at(run: Trainer, step: int) -> bool:
     return False
 
 
-def test_a_signal_stops_after_the_step_and_saves(tmp_path):
-    run = trainer(tmp_path, 50)
+@pytest.mark.parametrize("workers", [0, 1])
+def test_a_signal_to_all_processes_stops_after_the_step_and_saves(tmp_path, workers):
+    run = trainer(tmp_path, 50, workers=workers)
     keep = run._one_step
 
     def step_then_signal(batch):
         loss = keep(batch)
         if run.step == 2:
-            os.kill(os.getpid(), signal.SIGTERM)
+            for process in (os.getpid(), *(c.pid for c in multiprocessing.active_children())):
+                os.kill(process, signal.SIGTERM)
         return loss
 
     run._one_step = step_then_signal
     run.run()
     assert run.step == 2
     assert trainer(tmp_path, 50).step == 2
+    for process in multiprocessing.active_children():
+        process.join(20)
+    assert not multiprocessing.active_children()
 
 
 @pytest.mark.long
