@@ -97,6 +97,18 @@ COMMANDS = (
         ),
     ),
     Command(
+        "bench record",
+        "flowbothd_bringup.bags.bench_record",
+        "record depth images and clouds at camera rate: losses, CPU share, bytes",
+        ("flowbothd bench record --json out/bench_record.json",),
+    ),
+    Command(
+        "bench motion",
+        "flowbothd_bringup.bench_motion",
+        "random motion requests: limits, straightness, planning times; resumable",
+        ("flowbothd bench motion --requests 10000 --json out/bench_motion.json",),
+    ),
+    Command(
         "bench sim",
         "flowbothd_bringup.bench_sim",
         "time the simulation: camera, physics, motion, whole rollouts",

@@ -13,7 +13,7 @@ from flowbothd_bringup.bags.writer import BagWriter
 
 _LOG = logging.getLogger(__name__)
 
-_URGENT_SHARE = 0.1
+_URGENT_SHARE = 0.03
 """Filling of the queue above which compression is fast rather than good."""
 
 
