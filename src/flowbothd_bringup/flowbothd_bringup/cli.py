@@ -70,6 +70,16 @@ COMMANDS = (
         ),
     ),
     Command(
+        "view",
+        "flowbothd_bringup.view.view_command",
+        "everything of a run in Rerun, live or from a recording",
+        (
+            "flowbothd view out/demo/bag",
+            "flowbothd view live --domain 7",
+            "flowbothd view out/demo/bag --save demo.rrd",
+        ),
+    ),
+    Command(
         "trials",
         "flowbothd_bringup.trials",
         "open objects many times in the stepped world and print the table of successes",
