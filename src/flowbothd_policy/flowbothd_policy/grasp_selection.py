@@ -123,7 +123,7 @@ def select_grasp(
     normal = _flat_normal(points, norms, index, params) if params.normal_angle > 0 else None
     if normal is not None:
         normal = normal * np.copysign(1.0, normal @ own)
-        if angle_between(normal, own) <= params.normal_angle:
+        if params.normal_tolerance < angle_between(normal, own) <= params.normal_angle:
             turn = rotation_between(own, normal)
             own = turn @ own
             screw = screw.turned(turn, point) if screw is not None else None
@@ -201,7 +201,7 @@ def _flat_normal(
 ) -> Array | None:
     """(3,) unit normal of the moving surface around a point, either sign; None if not flat."""
     cloud = points[norms > 0.2 * float(norms.max())].astype(float)
-    radius = max(1.5 * params.edge_margin, 4 * _spacing(cloud))
+    radius = max(2.5 * params.edge_margin, 4 * _spacing(cloud))
     point = points[index].astype(float)
     fitted = _plane(cloud[np.linalg.norm(cloud - point, axis=1) < radius], point)
     return fitted[0] if fitted is not None and fitted[1] <= params.flatness else None

@@ -45,6 +45,13 @@ class GraspParams:
         minimum=0.0,
         maximum=math.pi / 2,
     )
+    normal_tolerance: float = parameter(
+        math.radians(12.0),
+        "pulls nearer to the normal than this stay as predicted: the normal of a few noisy points "
+        "is no better [rad]",
+        minimum=0.0,
+        maximum=math.pi / 2,
+    )
     screw_residual: float = parameter(
         0.2,
         "largest root mean square residual of a rigid motion fitted to max-normalised flow for "

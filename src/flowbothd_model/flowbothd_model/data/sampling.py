@@ -70,7 +70,7 @@ class SampleConfig:
     single_share: float = 0.5
     from_closed_share: float = 0.3
     min_step: float = 0.02
-    max_step: float = 0.35
+    max_step: float = 0.7
 
     def __post_init__(self) -> None:
         """Check the ranges."""
