@@ -20,7 +20,7 @@ from flowbothd_common.motion import (
     MotionResult,
     RobotObservation,
 )
-from flowbothd_common.types import as_cloud
+from flowbothd_common.types import Array, as_cloud
 from franka_suction_driver.audit import (
     AuditSink,
     NoAudit,
@@ -41,7 +41,7 @@ from franka_suction_driver.motion_step import Ending, RunningMotion, Step
 from franka_suction_driver.params import MotionParams
 from franka_suction_driver.planner import Planner
 from franka_suction_driver.recorder import Recorder
-from franka_suction_driver.tool_follower import ToolFollower
+from franka_suction_driver.tool_follower import SlowZones, ToolFollower
 from franka_suction_driver.trajectory import JointState
 
 _log = logging.getLogger(__name__)
@@ -113,7 +113,8 @@ class MotionExecutor:
             table_height=params.collision.table_height,
             workspace=workspace(params.safety),
         )
-        follower = ToolFollower(robot, self.limits, box, params.planning.tilt_slack)
+        zones = SlowZones(params.safety.slow_conditioning, params.safety.slow_margin)
+        follower = ToolFollower(robot, self.limits, box, params.planning.tilt_slack, zones)
         self._factory = MotionFactory(robot, self.limits, follower, bare, params)
         self._seed = params.seed if seed is None else seed
         self._motions = 0
@@ -128,6 +129,10 @@ class MotionExecutor:
     def busy(self) -> bool:
         """Whether a motion is running."""
         return self._recorder is not None
+
+    def is_free(self, q: Array) -> bool:
+        """Whether the arm touches nothing at joint positions (J,), by the planner's scene."""
+        return self._planner.collision.free(q)
 
     def set_obstacles(self, points: object | None, eye: object | None = None) -> None:
         """Replace the observed object.

@@ -20,6 +20,7 @@ _SMALLEST_SHIFT = 5e-5
 _LARGEST_LEAD = 0.003
 _RELAX_TIME = 1.0
 _MOST_RELAXING = 0.012
+_SLOWER = (0.5, 0.2)
 
 
 class FlowStep:
@@ -156,6 +157,13 @@ class FlowStep:
         candidate = replace(self._reference)
         candidate.shift(clock, self._offset)
         rollout = self._follower.rollout(candidate, clock, commanded)
+        for part in _SLOWER:
+            if not rollout.too_fast:
+                break
+            # What lies ahead is too fast off the planned line; giving way now matters more.
+            candidate = replace(candidate)
+            candidate.slow_down(clock, part * self._params.speed)
+            rollout = self._follower.rollout(candidate, clock, commanded)
         if not rollout.good:
             # The arm cannot give way further: the force guard decides what becomes of it.
             return Step()

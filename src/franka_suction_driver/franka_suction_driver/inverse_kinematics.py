@@ -20,8 +20,10 @@ from franka_suction_driver.kinematics import (
 
 _MAX_STEP = 0.3
 _DAMPING = 0.02
-_FOLLOW_DAMPING = 0.01
-_SOFT_ZONE = 0.25
+FOLLOW_DAMPING = 0.01
+"""Damping of steps along a path, where every pose is near the last [m or rad per rad]."""
+SOFT_ZONE = 0.25
+"""Distance to a limit in which a joint that moves to it gives way to the others [rad]."""
 
 
 @dataclass(frozen=True)
@@ -81,15 +83,21 @@ def limited_step(box: PositionBox, q: Array, jacobian: Array, miss: Array) -> Ar
         jacobian: (..., 5, J).
         miss: (..., 5) task error.
     """
-    step = (damped_inverse(jacobian, _FOLLOW_DAMPING) @ miss[..., None])[..., 0]
-    room = np.where(step > 0, box.upper - q, q - box.lower)
-    near = np.clip(room / _SOFT_ZONE, 0.0, 1.0)
-    if (near >= 1.0).all():
+    step = (damped_inverse(jacobian, FOLLOW_DAMPING) @ miss[..., None])[..., 0]
+    root = joint_weights(box, q, step)
+    if root is None:
         return np.asarray(step)
-    weight = near * near * (3.0 - 2.0 * near)
-    root = np.sqrt(weight)
-    scaled = damped_inverse(jacobian * root[..., None, :], _FOLLOW_DAMPING)
+    scaled = damped_inverse(jacobian * root[..., None, :], FOLLOW_DAMPING)
     return np.asarray(root * (scaled @ miss[..., None])[..., 0])
+
+
+def joint_weights(box: PositionBox, q: Array, step: Array) -> Array | None:
+    """(..., J) part in the motion of joints near the limit they move to; None if all have room."""
+    room = np.where(step > 0, box.upper - q, q - box.lower)
+    near = np.clip(room / SOFT_ZONE, 0.0, 1.0)
+    if (near >= 1.0).all():
+        return None
+    return np.asarray(np.sqrt(near * near * (3.0 - 2.0 * near)))
 
 
 def _free_pull(box: PositionBox, q: Array, jacobian: Array, strength: float) -> Array:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from flowbothd_common.motion import MotionReason, RobotObservation
@@ -10,6 +12,8 @@ from franka_suction_driver.params import ProbeParams
 from franka_suction_driver.tool_follower import Rollout, ToolFollower
 from franka_suction_driver.tool_motion import Bounds, Reference
 from franka_suction_driver.trajectory import JointState
+
+_SLOWINGS = (1.0, 0.7, 0.4, 0.2, 0.1)
 
 
 class Probe:
@@ -87,9 +91,7 @@ class Probe:
         else:
             step, speed = params.increment, params.speed
         self._goal = min(self._goal + step, self._reachable)
-        bounds = Bounds(speed).scaled(self._planned.slowing)
-        self._reference.redirect(clock, self._goal, bounds)
-        return self._issue(clock, commanded)
+        return self._issue(clock, commanded, Bounds(speed).scaled(self._planned.slowing))
 
     def _nothing_found(self) -> Ending:
         if self._planned.problem:
@@ -122,9 +124,22 @@ class Probe:
         return self._braking(clock, commanded)
 
     def _braking(self, clock: float, commanded: JointState) -> Step:
-        self._reference, trajectory = self._follower.brake(self._reference, clock, commanded)
+        self._reference, trajectory = self._follower.brake(
+            self._reference, clock, commanded, self._planned.path
+        )
         return Step(trajectory)
 
-    def _issue(self, clock: float, commanded: JointState) -> Step:
-        rollout = self._follower.rollout(self._reference, clock, commanded)
-        return Step(rollout.trajectory)
+    def _issue(self, clock: float, commanded: JointState, bounds: Bounds) -> Step:
+        """The next increment, as fast as the joint limits allow; or the end, if not at all."""
+        detail = self._planned.detail
+        if self._planned.path is not None:
+            for slowing in _SLOWINGS:
+                candidate = replace(self._reference)
+                candidate.redirect(clock, self._goal, bounds.scaled(slowing))
+                rollout = self._follower.retimed(self._planned.path, candidate, clock, commanded)
+                if rollout.good:
+                    self._reference = candidate
+                    return Step(rollout.trajectory)
+                detail = rollout.detail
+        message = f"the arm cannot go on along the probe: {detail}"
+        return Step(ending=Ending(MotionReason.SINGULARITY, message))

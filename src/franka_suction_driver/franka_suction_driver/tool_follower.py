@@ -9,28 +9,29 @@ from scipy.interpolate import CubicSpline
 
 from flowbothd_common.motion import JointTrajectory
 from flowbothd_common.types import Array
-from franka_suction_driver.inverse_kinematics import PositionBox, limited_step
+from franka_suction_driver.fine_check import fine_violation
+from franka_suction_driver.inverse_kinematics import PositionBox
 from franka_suction_driver.kinematics import (
     Kinematics,
     conditioning,
     damped_inverse,
-    task_error,
     task_jacobian,
 )
 from franka_suction_driver.limits import JointLimits
 from franka_suction_driver.tool_motion import OFFSET_BOUNDS, Bounds, Reference, ToolLine
+from franka_suction_driver.tool_path import ToolPath, solve_path
+from franka_suction_driver.tool_solver import ToolSolver
 from franka_suction_driver.trajectory import JointState, joint_stop, sample_times
 
 STEP = 0.04
 """Time between two points of a tool trajectory [s]."""
-_TOLERANCE = 5e-4
-_SLOWINGS = (1.0, 0.75, 0.5, 0.3)
+_SLOWINGS = (1.0, 0.6, 0.3)
 _SHORTENINGS = 5
+_SLOWEST = 0.1
 _STEP_BACK = 0.004
 _BRAKINGS = (1.0, 0.7, 0.5, 0.35, 0.2, 0.1)
 _MOST_SAMPLES = 50
 _OFFSET_SHARE = 0.6
-_GIVING_WAY = np.array([1.0, 1.0, 1.0, 0.05, 0.05])
 
 
 @dataclass(frozen=True)
@@ -45,6 +46,7 @@ class Rollout:
         too_fast: It breaks a velocity, acceleration or jerk limit.
         slowing: How much slower than asked it had to be planned, 0..1.
         detail: For people.
+        path: The joint path that was timed, of planned motions.
     """
 
     trajectory: JointTrajectory | None
@@ -53,11 +55,34 @@ class Rollout:
     detail: str = ""
     too_fast: bool = False
     slowing: float = 1.0
+    path: ToolPath | None = None
 
     @property
     def good(self) -> bool:
         """Whether it goes all the way within the limits."""
-        return self.trajectory is not None and not self.problem
+        return self.trajectory is not None and not self.problem and not self.too_fast
+
+
+@dataclass(frozen=True)
+class SlowZones:
+    """Where the tool slows down, in proportion, down to a least part of its speed.
+
+    Attributes:
+        conditioning: Below this smallest singular value of the tool's Jacobian [m/rad]; 0 = never.
+        margin: Nearer than this to a joint limit [rad]; 0 = never.
+    """
+
+    conditioning: float
+    margin: float
+
+    def slowing(self, kinematics: Kinematics, box: PositionBox, path: Array) -> float:
+        """Part of the speed, 0.1..1, that a path of configurations (K, J) is worth."""
+        part = 1.0
+        if self.conditioning > 0:
+            part = float(conditioning(kinematics.tip(path)).min()) / self.conditioning
+        if self.margin > 0:
+            part = min(part, float(box.margin(path).min()) / self.margin)
+        return float(np.clip(part, _SLOWEST, 1.0))
 
 
 class ToolFollower:
@@ -68,15 +93,22 @@ class ToolFollower:
         limits: Joint limits, never exceeded.
         box: Position limits with their margin.
         tilt_slack: Tilt that is accepted in order to stay in reach [rad].
+        zones: Where planned motions slow down.
     """
 
     def __init__(
-        self, kinematics: Kinematics, limits: JointLimits, box: PositionBox, tilt_slack: float
+        self,
+        kinematics: Kinematics,
+        limits: JointLimits,
+        box: PositionBox,
+        tilt_slack: float,
+        zones: SlowZones | None = None,
     ) -> None:
         self._kinematics = kinematics
         self._limits = limits
         self._box = box
-        self._slack = tilt_slack
+        self._solver = ToolSolver(kinematics, box, tilt_slack)
+        self._zones = zones or SlowZones(0.0, 0.0)
 
     def rollout(self, reference: Reference, now: float, start: JointState) -> Rollout:
         """Follow the reference from `now` to its end, beginning in the commanded state `start`.
@@ -89,13 +121,15 @@ class ToolFollower:
         duration = reference.end - now
         times = sample_times(duration, max(STEP, duration / _MOST_SAMPLES))
         positions = np.empty((len(times), self._kinematics.dof))
-        q = start.position
+        q = before = start.position
         for k, time in enumerate(times):
-            reached = self._reach(q, *reference.pose(now + time))
+            guess = self._solver.ahead(before, q)
+            reached = self._solver.reach(guess, *reference.pose(now + time))
             if reached is None:
                 travel = float(reference.travel(now + time).position[0])
                 return Rollout(None, travel, *self._why(q))
-            q = positions[k] = reached
+            before, q = q, reached
+            positions[k] = q
         rates = CubicSpline(
             np.concatenate([[0.0], times]),
             np.vstack([start.position, positions]),
@@ -106,7 +140,7 @@ class ToolFollower:
         accelerations[-1] = 0.0
         names = self._kinematics.joint_names
         trajectory = JointTrajectory(names, times, positions, velocities, accelerations)
-        violation = self._limits.violation(trajectory)
+        violation = fine_violation(self._limits, trajectory, start)
         if violation is not None:
             travel = float(reference.travel(now + violation.time).position[0])
             kind, _ = self._why(positions[int(np.searchsorted(times, violation.time))])
@@ -116,33 +150,59 @@ class ToolFollower:
     def plan(self, line: ToolLine, bounds: Bounds, start: JointState) -> tuple[Reference, Rollout]:
         """A reference from rest that is within reach and within the joint limits.
 
-        It is slowed down until the limits hold, and shortened to what the arm can reach; what
-        made it shorter is the problem of the rollout. Without any way to go, the rollout has no
-        trajectory.
+        It is slowed down until the limits hold and where the arm comes near a singularity or a
+        joint limit, and shortened to what the arm can reach; what made it shorter is the problem
+        of the rollout. Without any way to go, the rollout has no trajectory.
         """
-        goal = line.length
-        shortened: Rollout | None = None
+        path = solve_path(line, start.position, self._solver)
+        goal, why = path.length, ("", "")
+        if goal < line.length:
+            why = self._why(path.nodes[-1])
+        caution = self._zones.slowing(self._kinematics, self._box, path.nodes)
         for _ in range(_SHORTENINGS):
-            for slowing in _SLOWINGS:
-                reference = Reference.start(line, bounds.scaled(slowing))
-                if goal < line.length:
-                    reference.redirect(0.0, goal, bounds.scaled(slowing))
-                rollout = self.rollout(reference, 0.0, start)
-                if not rollout.too_fast:
-                    break
-            if rollout.good:
-                reference.offset_bounds = self._offset_bounds(rollout, line.direction)
-                why = ("", "") if shortened is None else (shortened.problem, shortened.detail)
-                return reference, replace(rollout, slowing=slowing, problem=why[0], detail=why[1])
-            shortened = rollout
-            goal = min(rollout.travel, goal) - _STEP_BACK
             if goal < _STEP_BACK:
                 break
-        why = ("singularity", "") if shortened is None else (shortened.problem, shortened.detail)
+            for slowing in (caution * part for part in _SLOWINGS):
+                reference = Reference.start(line, bounds.scaled(slowing), goal)
+                rollout = self.retimed(path, reference, 0.0, start)
+                if rollout.good:
+                    reference.offset_bounds = self._offset_bounds(rollout, line.direction)
+                    planned = replace(rollout, problem=why[0], detail=why[1], slowing=slowing)
+                    return reference, planned
+            why = (rollout.problem, rollout.detail)
+            goal = min(goal, rollout.travel) - _STEP_BACK
+        why = why if why[0] else ("singularity", "")
         return Reference.start(line, bounds), Rollout(None, 0.0, *why)
 
+    def retimed(
+        self, path: ToolPath, reference: Reference, now: float, start: JointState
+    ) -> Rollout:
+        """A solved path under the timing of a reference without any offset.
+
+        Args:
+            path: Along the reference's line.
+            reference: Leads no further than the path.
+            now: Time on the motion's clock [s].
+            start: Commanded joint state at that time.
+        """
+        duration = reference.along_end - now
+        times = sample_times(duration, max(STEP, duration / _MOST_SAMPLES))
+        trajectory = path.timed(self._kinematics.joint_names, reference, times, now)
+        violation = fine_violation(self._limits, trajectory, start)
+        if violation is None:
+            travel = float(reference.travel(reference.along_end).position[0])
+            return Rollout(trajectory, travel, path=path)
+        index = min(int(np.searchsorted(times, violation.time)), len(times) - 1)
+        kind, _ = self._why(trajectory.positions[index])
+        travel = float(reference.travel(now + violation.time).position[0])
+        return Rollout(trajectory, travel, kind, str(violation), too_fast=True)
+
     def brake(
-        self, reference: Reference, now: float, start: JointState
+        self,
+        reference: Reference,
+        now: float,
+        start: JointState,
+        path: ToolPath | None = None,
     ) -> tuple[Reference, JointTrajectory]:
         """Stop along the direction as hard as the joint limits allow; the offset keeps its goal.
 
@@ -150,13 +210,19 @@ class ToolFollower:
             reference: What the tool was doing.
             now: Time on the motion's clock [s].
             start: Commanded joint state at that time.
+            path: The solved path, for a reference without offset.
         """
         slowest = replace(reference)
         for hardness in _BRAKINGS:
             slowest = replace(reference)
             slowest.halt(now, Bounds(0.1, hardness, 40.0 * hardness))
-            slowest.shift(now, slowest.offset_state(now).position)
-            rollout = self.rollout(slowest, now, start)
+            if path is None:
+                slowest.shift(now, slowest.offset_state(now).position)
+                rollout = self.rollout(slowest, now, start)
+            elif slowest.travel(slowest.along_end).position[0] <= path.length:
+                rollout = self.retimed(path, slowest, now, start)
+            else:
+                continue
             if rollout.good and rollout.trajectory is not None:
                 return slowest, rollout.trajectory
         # Off the line, but to rest within the limits, which comes first.
@@ -176,26 +242,6 @@ class ToolFollower:
         return Bounds(
             OFFSET_BOUNDS.speed, OFFSET_BOUNDS.acceleration * factor, OFFSET_BOUNDS.jerk * factor
         )
-
-    def _reach(self, q: Array, position: Array, axis: Array) -> Array | None:
-        """Configuration next to `q` at the tool pose, tilted as little as needed, or None."""
-        for attempt in range(12):
-            state = self._kinematics.tip(q)
-            miss = task_error(state, position, axis)
-            if np.linalg.norm(miss) < 1e-7:
-                return q
-            jacobian = task_jacobian(state)
-            if attempt >= 3:
-                # Out of reach as asked: hold the position and let the tilt give way.
-                if np.linalg.norm(miss[:3]) < _TOLERANCE / 5:
-                    break
-                miss, jacobian = miss * _GIVING_WAY, jacobian * _GIVING_WAY[:, None]
-            elif attempt and np.linalg.norm(miss) < 1e-5:
-                return q
-            q = self._box.clip(q + limited_step(self._box, q, jacobian, miss))
-        miss = task_error(self._kinematics.tip(q), position, axis)
-        near = np.linalg.norm(miss[:3]) < _TOLERANCE
-        return q if near and np.linalg.norm(miss[3:]) < max(self._slack, 1e-3) else None
 
     def _why(self, q: Array) -> tuple[str, str]:
         lower, upper = q - self._box.lower, self._box.upper - q

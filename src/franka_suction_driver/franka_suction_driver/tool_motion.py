@@ -8,10 +8,12 @@ acceleration of the whole continuous.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
+from math import cos, sin
 
 import numpy as np
 
-from flowbothd_common.transforms import angle_between, rotation_about
+from flowbothd_common.transforms import angle_between, unit
 from flowbothd_common.types import Array
 from franka_suction_driver.trajectory import (
     JointState,
@@ -59,13 +61,21 @@ class ToolLine:
 
     def axis(self, travel: float) -> Array:
         """(3,) tool axis after `travel` [m]; turns smoothly, without a jump in acceleration."""
-        angle = angle_between(self.axis_start, self.axis_end)
+        angle, aside = self._turn
         if angle < 1e-9 or self.turn_length <= 0:
             return self.axis_end if travel > 0 else self.axis_start
         u = min(1.0, max(0.0, travel / self.turn_length))
-        part = u**3 * (10 - 15 * u + 6 * u * u)
+        turned = angle * u**3 * (10 - 15 * u + 6 * u * u)
+        return np.asarray(cos(turned) * self.axis_start + sin(turned) * aside)
+
+    @cached_property
+    def _turn(self) -> tuple[float, Array]:
+        """Angle of the turn [rad], and the unit vector square to its start that it leads to."""
+        angle = angle_between(self.axis_start, self.axis_end)
         turn = np.cross(self.axis_start, self.axis_end)
-        return np.asarray(rotation_about(turn, angle * part) @ self.axis_start)
+        if angle < 1e-9:
+            return angle, self.axis_start
+        return angle, np.cross(unit(turn), self.axis_start)
 
 
 @dataclass
@@ -89,16 +99,22 @@ class Reference:
     offset_bounds: Bounds = OFFSET_BOUNDS
 
     @staticmethod
-    def start(line: ToolLine, bounds: Bounds) -> Reference:
-        """Begin at rest at the line's origin, towards its end."""
-        along = _move(JointState.at_rest(np.zeros(1)), np.full(1, line.length), bounds)
+    def start(line: ToolLine, bounds: Bounds, goal: float | None = None) -> Reference:
+        """Begin at rest at the line's origin, towards its end or `goal` [m] before it."""
+        goal = line.length if goal is None else goal
+        along = _move(JointState.at_rest(np.zeros(1)), np.full(1, goal), bounds)
         still = _move(JointState.at_rest(np.zeros(3)), np.zeros(3), OFFSET_BOUNDS)
         return Reference(line, along, 0.0, still, 0.0)
 
     @property
+    def along_end(self) -> float:
+        """Time at which the motion along the direction is at rest [s]."""
+        return self.along_since + self.along.duration
+
+    @property
     def end(self) -> float:
         """Time at which both parts are at rest [s]."""
-        return max(self.along_since + self.along.duration, self.offset_since + self.offset.duration)
+        return max(self.along_end, self.offset_since + self.offset.duration)
 
     def travel(self, time: float) -> JointState:
         """Motion along the direction at `time`."""
@@ -112,6 +128,11 @@ class Reference:
         """From `time` on, travel to `goal` [m] along the direction."""
         self.along = _move(self.travel(time), np.full(1, goal), bounds)
         self.along_since = time
+
+    def slow_down(self, time: float, speed: float) -> None:
+        """From `time` on, travel to the same goal at `speed` [m/s] at most."""
+        goal = float(_at(self.along, self.along.duration).position[0])
+        self.redirect(time, goal, Bounds(speed))
 
     def halt(self, time: float, bounds: Bounds) -> None:
         """From `time` on, brake along the direction."""

@@ -19,6 +19,9 @@ from franka_suction_driver.limits import JointLimits
 
 SAMPLE = 0.025
 """Time between two points of a trajectory [s]."""
+_INTERPOLATED = (0.88, 0.5)
+"""Parts of the acceleration and jerk limits that joint profiles are made with: the quintics between
+samples of a jerk that jumps overshoot them."""
 
 
 class TimingError(FlowBotError):
@@ -55,6 +58,17 @@ class Profile:
         """State at `time` [s]; at rest, or moving on, after the end."""
         position, velocity, acceleration = self._trajectory.at_time(max(0.0, time))
         return JointState(np.array(position), np.array(velocity), np.array(acceleration))
+
+    def sample(self, times: Array) -> tuple[Array, Array, Array]:
+        """Positions, velocities and accelerations, (T, D) each, at `times` (T,) [s].
+
+        At rest before the start and after the end, whatever rounding says.
+        """
+        clipped = np.clip(times, 0.0, self.duration)
+        rows = np.array([self._trajectory.at_time(t) for t in clipped.tolist()])
+        rows = rows.reshape(len(clipped), 3, -1)
+        rows[times >= self.duration, 1:] = 0.0
+        return rows[:, 0], rows[:, 1], rows[:, 2]
 
 
 def move_to(
@@ -100,15 +114,18 @@ def joint_move(
 ) -> JointTrajectory:
     """Jerk-limited motion to rest at `goal` (J,); straight in joint space if it starts at rest."""
     at_rest = not (start.velocity.any() or start.acceleration.any())
-    profile = move_to(
-        start, goal, limits.velocity, limits.acceleration, limits.jerk, straight=at_rest
-    )
+    acceleration, jerk = _interpolable(limits)
+    profile = move_to(start, goal, limits.velocity, acceleration, jerk, straight=at_rest)
     return sampled(names, profile)
 
 
 def joint_stop(names: tuple[str, ...], start: JointState, limits: JointLimits) -> JointTrajectory:
     """Fastest stop of all joints within the limits."""
-    return sampled(names, brake(start, limits.acceleration, limits.jerk))
+    return sampled(names, brake(start, *_interpolable(limits)))
+
+
+def _interpolable(limits: JointLimits) -> tuple[Array, Array]:
+    return _INTERPOLATED[0] * limits.acceleration, _INTERPOLATED[1] * limits.jerk
 
 
 def sampled(names: tuple[str, ...], profile: Profile, step: float = SAMPLE) -> JointTrajectory:
