@@ -80,6 +80,12 @@ COMMANDS = (
         ),
     ),
     Command(
+        "report",
+        "flowbothd_bringup.view.report_command",
+        "write a page with pictures and figures of a recording",
+        ("flowbothd report out/demo/bag", "flowbothd report bags/kitchen --out kitchen"),
+    ),
+    Command(
         "trials",
         "flowbothd_bringup.trials",
         "open objects many times in the stepped world and print the table of successes",

@@ -7,6 +7,7 @@ import shutil
 import sys
 from pathlib import Path
 
+from flowbothd_bringup.bags.reader import Bag
 from flowbothd_bringup.bags.record_command import complete, recorder_process
 from flowbothd_bringup.environment import node_environment, own_domain
 from flowbothd_bringup.graph import (
@@ -20,6 +21,8 @@ from flowbothd_bringup.record import load_record
 from flowbothd_bringup.report import write_report
 from flowbothd_bringup.scenes import scene_for
 from flowbothd_bringup.up import add_run_arguments, run_options
+from flowbothd_bringup.view.view_command import save_bag
+from flowbothd_common.errors import FlowBotError
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -71,8 +74,17 @@ def run(arguments: argparse.Namespace) -> int:
         record = load_record(arguments.out)
         if record.states:
             write_report(record, scene, arguments.out)
+        _save_view(bag, arguments.out / "view.rrd")
     if code == 0:
         sys.stdout.write(f"\nopened; see {arguments.out / 'report.html'}\n")
     elif code == 1 and summary.exists():
         sys.stdout.write(f"\nnot opened; see {summary}\n")
     return code
+
+
+def _save_view(bag: Path, path: Path) -> None:
+    """Write the run for Rerun, where that is installed."""
+    try:
+        save_bag(Bag(bag), path)
+    except FlowBotError as error:
+        sys.stdout.write(f"no {path.name}: {error}\n")

@@ -9,6 +9,7 @@ from flowbothd_bringup.pictures import View, draw_strip, write_animation
 from flowbothd_bringup.record import RunRecord
 from flowbothd_bringup.scenes import Scene
 from flowbothd_bringup.signals import plot_signals
+from flowbothd_bringup.view.cloud_pictures import draw_choices
 from franka_suction_driver.description import compose_urdf
 from sim_bridge.objects.registry import load_object
 from sim_bridge.world import ArmWorld
@@ -26,8 +27,7 @@ td, th {{ text-align: left; vertical-align: top; }}
 <table class="numbers">{summary}</table>
 <h2>The run</h2>
 <p>Green: the predicted flow that was acted upon. Red: the grasp point and its direction.</p>
-<img src="rollout.png" alt="decisive moments">
-<p><img src="rollout.gif" alt="animation of the run"></p>
+{pictures}
 <h2>What the policy noticed and did</h2>
 <img src="signals.png" alt="policy signals">
 <h2>Motions</h2>
@@ -44,7 +44,12 @@ def _row(values: list[object]) -> str:
     return "<tr>" + "".join(f"<td>{html.escape(str(value))}</td>" for value in values) + "</tr>"
 
 
-def _page(record: RunRecord) -> str:
+_ROLLOUT = '<img src="rollout.png" alt="decisive moments">'
+_ANIMATION = '<p><img src="rollout.gif" alt="animation of the run"></p>'
+_CHOICES = '<p><img src="choices.png" alt="what the policy saw and chose at every step"></p>'
+
+
+def _page(record: RunRecord, pictures: list[str]) -> str:
     summary = record.summary()
     motions = [
         _row(
@@ -72,20 +77,36 @@ def _page(record: RunRecord) -> str:
     title = f"{record.object} {record.mode}: {summary['outcome']}".strip()
     return _PAGE.format(
         title=html.escape(title),
+        pictures="\n".join(pictures),
         summary="".join(_row([key, value]) for key, value in summary.items()),
         motions="".join(motions),
         decisions="".join(decisions),
     )
 
 
-def write_report(record: RunRecord, scene: Scene, folder: Path, *, animation: bool = True) -> None:
-    """Write report.html and its pictures into `folder`."""
+def write_report(
+    record: RunRecord, scene: Scene | None, folder: Path, *, animation: bool = True
+) -> None:
+    """Write report.html and its pictures into `folder`.
+
+    Args:
+        record: The run.
+        scene: That was simulated; None = draw what was seen, without a world.
+        folder: Is made if need be.
+        animation: Whether the run is drawn as a moving picture too.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     plot_signals(record, folder / "signals.png")
-    model = load_object(scene.object, mode=record.mode or None, seed=record.seed)
-    view = View(scene.report_eye, scene.report_target)
-    with ArmWorld(compose_urdf(), model, scene.T_base_object) as world:
-        draw_strip(record, world, view, folder / "rollout.png")
-        if animation:
-            write_animation(record, world, view, folder / "rollout.gif")
-    (folder / "report.html").write_text(_page(record))
+    pictures = []
+    if scene is not None:
+        model = load_object(scene.object, mode=record.mode or None, seed=record.seed)
+        view = View(scene.report_eye, scene.report_target)
+        with ArmWorld(compose_urdf(), model, scene.T_base_object) as world:
+            draw_strip(record, world, view, folder / "rollout.png")
+            pictures.append(_ROLLOUT)
+            if animation:
+                write_animation(record, world, view, folder / "rollout.gif")
+                pictures.append(_ANIMATION)
+    if draw_choices(record, folder / "choices.png"):
+        pictures.append(_CHOICES)
+    (folder / "report.html").write_text(_page(record, pictures))

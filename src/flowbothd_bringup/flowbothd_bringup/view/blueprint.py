@@ -24,7 +24,7 @@ def blueprint() -> Any:
         name="Scene: grey camera, blue robot, green object, arrows flow, red grasp",
         background=[20, 22, 26],
         eye_controls=rrb.EyeControls3D(
-            position=(-0.55, -1.25, 0.95), look_target=(0.3, 0.05, 0.25), eye_up=(0.0, 0.0, 1.0)
+            position=(-0.25, -1.05, 0.75), look_target=(0.25, 0.0, 0.3), eye_up=(0.0, 0.0, 1.0)
         ),
         line_grid=False,
     )
@@ -49,7 +49,7 @@ def blueprint() -> Any:
             ),
             column_shares=[5, 3],
         ),
-        rrb.TimePanel(state="collapsed"),
+        rrb.TimePanel(state="collapsed", play_state="following"),
         rrb.SelectionPanel(state="hidden"),
         rrb.BlueprintPanel(state="hidden"),
     )

@@ -139,6 +139,7 @@ class RunView:
                 shown = rr.Mesh3D(
                     vertex_positions=np.asarray(mesh.vertices, np.float32),
                     triangle_indices=np.asarray(mesh.faces, np.uint32),
+                    vertex_normals=_normals(mesh.vertices, mesh.faces),
                     albedo_factor=_rgba(mesh.color),
                 )
                 self._log(f"{at.ROBOT}/{link}/{number}", shown, static=True)
@@ -243,7 +244,18 @@ def _spread(count: int) -> NDArray[np.intp]:
     return np.unique(np.linspace(0, count - 1, min(count, _ARROWS)).astype(np.intp))
 
 
+def _normals(vertices: Any, faces: Any) -> NDArray[np.float32]:
+    """(V, 3) unit normals, averaged over the faces of each vertex."""
+    corners = np.asarray(vertices, float)[np.asarray(faces, np.intp)]
+    flat = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    summed = np.zeros((len(vertices), 3))
+    for corner in range(3):
+        np.add.at(summed, np.asarray(faces, np.intp)[:, corner], flat)
+    lengths = np.linalg.norm(summed, axis=1, keepdims=True)
+    return np.asarray(summed / np.maximum(lengths, 1e-12), dtype=np.float32)
+
+
 def _rgba(color: Any) -> list[int]:
-    if color is None:
-        return [200, 205, 215, 255]
-    return [*(round(255 * float(c)) for c in list(color)[:3]), 255]
+    """Colour of a link, toned down: white plastic would drown in the viewer's light."""
+    given = (0.8, 0.82, 0.86) if color is None else [float(c) for c in list(color)[:3]]
+    return [*(round(170 * c) for c in given), 255]
