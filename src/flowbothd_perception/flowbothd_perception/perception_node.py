@@ -119,7 +119,7 @@ class PerceptionNode(Node):
         self._heard_camera.heard(self._params.camera.info_topic)
         self._reader.learn(message)
 
-    def _on_cloud(self, raw: bytes) -> None:
+    def _on_cloud(self, raw: bytes | PointCloud2) -> None:
         self._on_frame(read_cloud(raw))
 
     def _on_frame(self, message: Image | AnyCloud) -> None:

@@ -39,12 +39,16 @@ AnyCloud: TypeAlias = RawCloud | PointCloud2
 """A cloud message, read one way or the other."""
 
 
-def read_cloud(raw: bytes) -> AnyCloud:
+def read_cloud(raw: bytes | PointCloud2) -> AnyCloud:
     """The cloud of a serialised sensor_msgs/PointCloud2, without a copy where that can be.
+
+    A message is returned as it is.
 
     Raises:
         InvalidCloudError: the bytes end before the message does.
     """
+    if not isinstance(raw, bytes):
+        return raw
     if raw[:2] != _LITTLE_ENDIAN_CDR:
         # A big-endian sender, or another representation: the slow way understands those too.
         message: PointCloud2 = deserialize_message(raw, PointCloud2)

@@ -110,6 +110,37 @@ class RobotFilter:
                 result[behind[part.shadow.hides(seen_from, there)]] = True
         return result
 
+    def distances(
+        self,
+        points: Cloud,
+        joint_positions: Sequence[float] | Array,
+        links: frozenset[str] | None = None,
+    ) -> tuple[NDArray[np.float32], NDArray[np.intp]]:
+        """Signed distance of each point (in base) to the padded robot [m], and its nearest part.
+
+        Args:
+            points: (N, 3) in base.
+            joint_positions: (J,) in the order of `joint_names`.
+            links: Only these count; None = all.
+
+        Returns:
+            (N,) distances, negative inside; (N,) indices into `links`.
+
+        Raises:
+            ParameterError: another number of joint positions than `joint_names`.
+        """
+        self._place(joint_positions)
+        best = np.full(len(points), np.inf, dtype=np.float32)
+        nearest = np.zeros(len(points), dtype=np.intp)
+        for index, part in enumerate(self._parts):
+            if links is not None and part.link not in links:
+                continue
+            local = inverse(self._geometry_data.oMg[part.frame].homogeneous).astype(np.float32)
+            distance = part.solid.distance(points @ local[:3, :3].T + local[:3, 3])
+            closer = distance < best
+            best[closer], nearest[closer] = distance[closer], index
+        return best, nearest
+
     def _part(self, index: int, item: pinocchio.GeometryObject, params: RobotFilterParams) -> _Part:
         link = self._link_of(item)
         padding, scale = params.padding, params.scale

@@ -57,6 +57,16 @@ class Hull:
         result[unsure] = self._within_faces(points[unsure])
         return np.asarray(result)
 
+    def distance(self, points: Cloud) -> NDArray[np.float32]:
+        """(N,) signed distance of points in the solid's frame to the farthest face's plane [m].
+
+        That is the distance to the surface inside and beside a face, and less beyond an edge.
+        """
+        parts = np.array_split(points, len(points) // 4096 + 1)
+        planes = self.planes
+        values = [(p @ planes[:, :3].T + planes[:, 3]).max(axis=1) for p in parts if len(p)]
+        return np.concatenate(values) if values else np.empty(0, np.float32)
+
     def hides(self, eye: Array, points: Cloud) -> NDArray[np.bool_]:
         """(N,) whether the solid cuts the line from `eye` to each point; both in its frame."""
         normals, offsets = self.planes[:, :3], self.planes[:, 3]
@@ -125,6 +135,15 @@ class Round:
         return np.asarray(
             (square <= np.float32(self.r**2)) & (np.abs(points[:, 2]) <= np.float32(self.half))
         )
+
+    def distance(self, points: Cloud) -> NDArray[np.float32]:
+        """(N,) signed distance of points in the solid's frame to its surface [m]."""
+        if self.half is None:
+            return np.asarray(np.linalg.norm(points, axis=1) - np.float32(self.r))
+        aside = np.hypot(points[:, 0], points[:, 1]) - np.float32(self.r)
+        above = np.abs(points[:, 2]) - np.float32(self.half)
+        outside = np.hypot(np.maximum(aside, 0), np.maximum(above, 0))
+        return np.asarray(outside + np.minimum(np.maximum(aside, above), 0))
 
     def hides(self, eye: Array, points: Cloud) -> NDArray[np.bool_]:
         """(N,) whether the solid cuts the line from `eye` to each point; both in its frame."""
