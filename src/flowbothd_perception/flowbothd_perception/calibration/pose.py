@@ -58,6 +58,4 @@ def twisted(change: Array, pivot: Array) -> Array:
 
 def difference(a: Array, b: Array) -> tuple[float, float]:
     """Distance [m] and angle [rad] between two poses."""
-    return float(np.linalg.norm(a[:3, 3] - b[:3, 3])), rotation_angle(
-        (inverse(a) @ b)[:3, :3]
-    )
+    return float(np.linalg.norm(a[:3, 3] - b[:3, 3])), rotation_angle((inverse(a) @ b)[:3, :3])
