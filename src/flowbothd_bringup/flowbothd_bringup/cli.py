@@ -130,6 +130,15 @@ COMMANDS = (
         "time the simulation: camera, physics, motion, whole rollouts",
         ("flowbothd bench sim --json out/bench_sim.json",),
     ),
+    Command(
+        "completion",
+        "flowbothd_bringup.completion",
+        "print a script that lets the shell complete this command",
+        (
+            "flowbothd completion bash > ~/.local/share/bash-completion/completions/flowbothd",
+            "flowbothd completion zsh > ~/.flowbothd_completion  # and source it in ~/.zshrc",
+        ),
+    ),
 )
 
 

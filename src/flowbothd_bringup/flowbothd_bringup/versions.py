@@ -27,12 +27,13 @@ PACKAGES = (
 
 def versions() -> dict[str, str]:
     """Name -> version of every package that matters and is installed, Python and machine."""
-    found = {"python": sys.version.split()[0], "machine": platform.platform()}
+    found = {}
     for name in PACKAGES:
         try:
             found[name] = version(name)
         except PackageNotFoundError:
             continue
+    found |= {"Python": sys.version.split()[0], "machine": platform.platform()}
     if "ros-rclpy" not in found:
         found["ros"] = _apt_ros()
     return found

@@ -24,10 +24,10 @@ _LENGTH = 0.1
 def choices(record: RunRecord) -> list[tuple[dict[str, Any], PredictionSample]]:
     """Decisions that act upon a prediction, each with it, in order."""
     found = []
-    seen: set[tuple[float, int, int]] = set()
+    seen: set[tuple[float, int]] = set()
     for decision in record.decisions:
         sample, stamp = int(decision["chosen_sample"]), float(decision["prediction_stamp"])
-        key = (stamp, sample, int(decision["grasps"]))
+        key = (stamp, sample)
         if sample < 0 or key in seen:
             continue
         # Several predictions are made for one cloud where samples are rejected: the last one won.
@@ -63,13 +63,13 @@ def draw_choices(record: RunRecord, path: Path) -> bool:
 def _draw(axes: Any, decision: dict[str, Any], prediction: PredictionSample) -> None:
     points, flow = prediction.points, prediction.flows[int(decision["chosen_sample"])]
     chosen = np.unique(np.linspace(0, len(points) - 1, min(len(points), _ARROWS)).astype(int))
-    axes.scatter(*points[::3].T, s=2, color="0.6", linewidths=0)
+    axes.scatter(*points.T, s=3, color="0.45", linewidths=0)
     arrows = flow[chosen] * _LENGTH
-    axes.quiver(*points[chosen].T, *arrows.T, color="#2e8b57", linewidth=0.6)
+    axes.quiver(*points[chosen].T, *arrows.T, color="#2e8b57", linewidth=0.9)
     grasp, pull = np.asarray(decision["grasp_point"]), np.asarray(decision["flow"])
     axes.scatter(*grasp[:, None], s=30, color="#c0392b")
     axes.quiver(*grasp[:, None], *(2 * _LENGTH * pull)[:, None], color="#c0392b", linewidth=2)
     axes.view_init(elev=20, azim=-75)
-    axes.tick_params(labelsize=6)
+    axes.set_axis_off()
     title = f"{decision['time']:.1f} s, step {decision['step']}: {decision['decision']}"
     axes.set_title(title, fontsize=8)
