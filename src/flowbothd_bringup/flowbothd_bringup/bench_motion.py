@@ -27,7 +27,7 @@ from franka_suction_driver import planner, tool_path, trajectory
 from franka_suction_driver.collision import CollisionChecker
 from franka_suction_driver.executor import MotionExecutor, make_kinematics
 
-SHARD = 500
+SHARD = 100
 _BUDGETS = {
     "probe": (None, 20.0),
     "flow_step": (None, 20.0),

@@ -86,6 +86,32 @@ COMMANDS = (
         ("flowbothd report out/demo/bag", "flowbothd report bags/kitchen --out kitchen"),
     ),
     Command(
+        "up real",
+        "flowbothd_bringup.up_real",
+        "start all nodes on a robot and leave them running; docs/real_robot.md",
+        (
+            "flowbothd up real --robot 172.16.0.2 --params lab.yaml --dry-run",
+            "flowbothd up real --backend recording --params lab.yaml",
+        ),
+    ),
+    Command(
+        "doctor",
+        "flowbothd_bringup.doctor",
+        "check robot, pump, camera and calibration; says how to mend what is red",
+        ("flowbothd doctor --robot 172.16.0.2 --params lab.yaml",),
+    ),
+    Command(
+        "calibrate",
+        "flowbothd_bringup.calibrate",
+        "find out where the camera is, from the tool or a printed board; or check it",
+        (
+            "flowbothd calibrate tool --captures out/cal --record 10 --guess 0.5 -1.1 0.7 0.5 0 0.2"
+            " --out camera.yaml",
+            "flowbothd calibrate board --captures out/cal --record 10 --board 9x6 --square 0.025",
+            "flowbothd calibrate check --captures out/check --record 4 --parameters camera.yaml",
+        ),
+    ),
+    Command(
         "trials",
         "flowbothd_bringup.trials",
         "open objects many times in the stepped world and print the table of successes",

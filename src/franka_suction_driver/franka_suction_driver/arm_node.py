@@ -8,7 +8,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
 
-from geometry_msgs.msg import WrenchStamped
+from geometry_msgs.msg import PointStamped, WrenchStamped
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
@@ -19,7 +19,7 @@ from trajectory_msgs.msg import JointTrajectory
 from flowbothd_common.errors import FlowBotError
 from flowbothd_common.motion import joint_order
 from flowbothd_common.ros import qos
-from flowbothd_common.ros.conversions import from_trajectory, to_wrench
+from flowbothd_common.ros.conversions import from_trajectory, to_point, to_wrench
 from flowbothd_common.ros.diagnostics import ERROR, OK, WARN, NodeStatus
 from flowbothd_common.ros.liveness import Silence
 from flowbothd_common.ros.node_main import run_node
@@ -57,6 +57,7 @@ class ArmNode(Node):
         if self._params.backend != "topic":
             self._joints = self.create_publisher(JointState, "joint_states", qos.STATE)
             self._wrench = self.create_publisher(WrenchStamped, "external_wrench", qos.STATE)
+            self._tip = self.create_publisher(PointStamped, "arm/end_effector", qos.STATE)
         self.create_subscription(
             JointTrajectory, "joint_trajectory", self._on_trajectory, qos.COMMAND
         )
@@ -84,6 +85,7 @@ class ArmNode(Node):
         if params.backend == "panda":
             return PandaArm(kinematics, limits, params.panda)
         robot = RecordingRobot(params.robot.start_positions)
+        robot.fk = kinematics.pose
         # A wrench of exact zeros would mean a singularity.
         robot.wrench[2] = 1e-6
         address = replace(params.panda, robot_ip=params.panda.robot_ip or "recording")
@@ -132,6 +134,8 @@ class ArmNode(Node):
                 velocity=state.velocities.tolist(),
             )
         )
+        if state.tip is not None:
+            self._tip.publish(PointStamped(header=header, point=to_point(state.tip)))
         # What is not known is not published: motion then stops for want of a wrench.
         if state.wrench is not None:
             self._wrench.publish(WrenchStamped(header=header, wrench=to_wrench(state.wrench)))

@@ -80,6 +80,7 @@ def compose_urdf(
     *,
     arm_urdf: Path | None = None,
     tip_frame: str = "suction_tip",
+    arm: str = "panda",
 ) -> str:
     """URDF text of the seven-joint arm with the suction tool instead of its hand.
 
@@ -90,6 +91,8 @@ def compose_urdf(
         tool: Dimensions; the defaults are those of the simulated tool.
         arm_urdf: The arm's URDF; found in the installed example-robot-data if omitted.
         tip_frame: Name of the frame at the cup's lip.
+        arm: How the names of the arm's links and joints begin; an FR3 has the Panda's geometry
+            and other limits, which come by parameter.
 
     Raises:
         DescriptionError: the arm's files are missing or damaged.
@@ -106,6 +109,8 @@ def compose_urdf(
     _remove_below(robot, _FLANGE)
     _make_mesh_paths_absolute(robot, source.parents[3])
     _add_tool(robot, tool, tip_frame)
+    if arm != "panda":
+        _rename(robot, arm)
     ET.indent(robot)
     return ET.tostring(robot, encoding="unicode", xml_declaration=True)
 
@@ -175,6 +180,14 @@ def _remove_below(robot: ET.Element, flange: str) -> None:
             if link is not None:
                 robot.remove(link)
             doomed.append(child)
+
+
+def _rename(robot: ET.Element, arm: str) -> None:
+    for element in robot.iter():
+        for key in ("name", "link"):
+            value = element.get(key, "")
+            if value.startswith("panda_"):
+                element.set(key, arm + value.removeprefix("panda"))
 
 
 def _link_of(joint: ET.Element, end: str) -> str:

@@ -73,8 +73,9 @@ def _twin(robot: Kinematics) -> Kinematics:
 def make_kinematics(params: MotionParams, urdf: str | None = None) -> Kinematics:
     """Kinematics of the arm that the parameters name; the description is composed if not given."""
     robot = params.robot
-    text = compose_urdf(tip_frame=robot.tip_frame) if urdf is None else urdf
-    return Kinematics(text, robot.joint_names, robot.base_frame, robot.tip_frame)
+    if urdf is None:
+        urdf = compose_urdf(tip_frame=robot.tip_frame, arm=robot.base_frame.partition("_link")[0])
+    return Kinematics(urdf, robot.joint_names, robot.base_frame, robot.tip_frame)
 
 
 class MotionExecutor:

@@ -41,6 +41,7 @@ class RecordingRobot:
         calls: (name, arguments) of everything that was called.
         q: (7,) where the arm is; follows its targets exactly while `follows`.
         wrench: (6,) O_F_ext_hat_K: by the robot on the environment; zeros near a singularity.
+        tip: (4, 4) O_T_EE, unless `fk` is set, which tells it from q.
         pump: State of the pump.
     """
 
@@ -55,6 +56,7 @@ class RecordingRobot:
         self.recovers = True
         self.follows = True
         self.tip: Array = np.eye(4)
+        self.fk: Callable[[Array], Array] | None = None
         self.pump = PumpState()
         self.controller: Any = None
         self.pending: RuntimeError | None = None
@@ -188,7 +190,7 @@ class _Panda:
             q=robot.q.tolist(),
             dq=robot.dq.tolist(),
             O_F_ext_hat_K=robot.wrench.tolist(),
-            O_T_EE=robot.tip.T.ravel().tolist(),
+            O_T_EE=(robot.tip if robot.fk is None else robot.fk(robot.q)).T.ravel().tolist(),
             EE_T_K=np.eye(4).ravel().tolist(),
             robot_mode=robot.mode,
             current_errors=SimpleNamespace(**{n: n in robot.errors for n in ERRORS}),

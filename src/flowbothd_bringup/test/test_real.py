@@ -1,0 +1,169 @@
+"""The graph on a robot: parameters, and the doctor's judgement."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from flowbothd_bringup.doctor_checks import (
+    Check,
+    Heard,
+    Light,
+    as_text,
+    judge_calibration,
+    judge_end_effector,
+    judge_nodes,
+    judge_pump,
+    judge_rate,
+    judge_stamps,
+    judge_wrench,
+)
+from flowbothd_bringup.doctor_host import check_host
+from flowbothd_bringup.graph import config_file, write_parameters
+from flowbothd_bringup.real import (
+    NODES,
+    RealOptions,
+    given_parameters,
+    missing_parameters,
+    real_parameters,
+    real_processes,
+)
+from flowbothd_common.errors import ParameterError
+from flowbothd_common.parameters import build, specifications
+from franka_suction_driver.executor import make_kinematics
+from franka_suction_driver.limits import robot_limits
+from franka_suction_driver.params import MotionParams
+
+CAMERA = {"camera.position": [0.6, -1.0, 0.6], "camera.quaternion": [0.0, 0.0, 0.0, 1.0]}
+
+
+@pytest.fixture
+def lab(tmp_path: Path) -> RealOptions:
+    file = tmp_path / "lab.yaml"
+    write_parameters(file, {"perception_node": CAMERA})
+    return RealOptions("172.16.0.2", "panda", (file,))
+
+
+def test_a_missing_calibration_or_address_is_an_error_that_names_them(lab: RealOptions) -> None:
+    with pytest.raises(ParameterError, match=r"camera\.position.*robot_ip"):
+        real_parameters(RealOptions())
+    with pytest.raises(ParameterError, match=r"arm_node panda\.robot_ip"):
+        real_parameters(replace(lab, robot_ip=""))
+    assert missing_parameters(given_parameters(lab)) == []
+
+
+def test_the_defaults_of_a_robot_are_slow_and_watched(lab: RealOptions) -> None:
+    parameters = real_parameters(lab)
+    motion = parameters["motion_node"]
+    assert motion["safety.speed_scale"] == 0.1
+    assert motion["input_timeout"] == 0.1
+    assert set(motion["watch_nodes"]) == set(NODES) - {"motion_node"}
+    assert "arm_node" in motion["ready_nodes"]
+    assert parameters["arm_node"]["panda.robot_ip"] == parameters["pump_node"]["robot_ip"]
+    assert parameters["policy_node"]["autostart"] is False
+    assert motion["camera_position"] == CAMERA["camera.position"]
+
+
+def test_the_command_line_wins_over_the_files(lab: RealOptions) -> None:
+    options = replace(lab, backend="recording", speed=0.3, dry_run=True, start=True)
+    parameters = real_parameters(options)
+    assert parameters["motion_node"]["safety.speed_scale"] == 0.3
+    assert parameters["motion_node"]["safety.dry_run"] is True
+    assert parameters["pump_node"]["backend"] == "recording"
+    assert parameters["policy_node"]["autostart"] is True
+
+
+def test_force_limits_in_the_wrong_order_are_refused(lab: RealOptions, tmp_path: Path) -> None:
+    """The trap: the robot's reflex fires first, and the arm stands until somebody recovers it."""
+    file = tmp_path / "more.yaml"
+    write_parameters(file, {"motion_node": {"safety.force_limit": 60.0}})
+    with pytest.raises(ParameterError, match=r"must trip before panda\.force_limit"):
+        real_parameters(replace(lab, files=(*lab.files, file)))
+
+
+def test_unknown_nodes_and_files_are_refused(lab: RealOptions, tmp_path: Path) -> None:
+    file = tmp_path / "wrong.yaml"
+    write_parameters(file, {"bridge_node": {"seed": 1}})
+    with pytest.raises(ParameterError, match=r"unknown nodes.*bridge_node"):
+        real_parameters(replace(lab, files=(file,)))
+    with pytest.raises(ParameterError, match="does not exist"):
+        real_parameters(replace(lab, files=(tmp_path / "none.yaml",)))
+
+
+def test_every_node_has_a_process_of_its_own(tmp_path: Path) -> None:
+    """The trap: read_once holds Python's lock; the pump must not share the arm's process."""
+    processes = real_processes(tmp_path / "p.yaml")
+    assert [process.name for process in processes] == list(NODES)
+    assert len({process.command[2] for process in processes}) == len(NODES)
+
+
+def test_an_fr3_comes_by_parameter_file(lab: RealOptions) -> None:
+    """Limits of the wrong arm are rejected by the robot: they are parameters, never code."""
+    assert config_file("fr3.yaml").is_file()
+    parameters = real_parameters(replace(lab, files=(Path("fr3.yaml"), *lab.files)))
+    known = {spec.name for spec in specifications(MotionParams)}
+    given = {n: v for n, v in parameters["motion_node"].items() if n in known}
+    params = build(MotionParams, given)
+    kinematics = make_kinematics(params)
+    assert kinematics.joint_names[0] == "fr3_joint1"
+    limits = robot_limits(kinematics, params.robot)
+    assert limits.lower[5] == 0.8521
+    assert limits.velocity[1] == 1.0
+    start = np.array(params.robot.start_positions)
+    assert limits.box(0.05).contains(start)
+
+
+class TestDoctor:
+    """What the doctor says of what was found."""
+
+    def test_rates_and_stamps(self) -> None:
+        steady = Heard([0.1 * k for k in range(20)], [0.02] * 20)
+        assert steady.rate == pytest.approx(10.0)
+        assert judge_rate("camera", steady, 5.0, "mend").light is Light.GREEN
+        assert judge_rate("camera", steady, 30.0, "mend").light is Light.YELLOW
+        assert judge_rate("camera", Heard(), 5.0, "start it") == Check(
+            "camera", Light.RED, "nothing came", "start it"
+        )
+        assert judge_stamps("camera", steady).light is Light.GREEN
+        late = judge_stamps("camera", Heard([0.0], [37.0]))
+        assert late.light is Light.RED
+        assert "synchronise" in late.remedy
+        assert judge_stamps("camera", Heard([0.0], [-3.0])).light is Light.RED
+
+    def test_the_end_effector_of_desk_must_be_ours(self) -> None:
+        """The trap: Desk still has the hand's end effector, 57 mm from the cup's tip."""
+        ours = np.array([0.4, 0.0, 0.4])
+        assert judge_end_effector(ours, ours + 0.001).light is Light.GREEN
+        wrong = judge_end_effector(ours, ours + np.array([0, 0, 0.057]))
+        assert wrong.light is Light.RED
+        assert "57 mm" in wrong.found
+        assert "Desk" in wrong.remedy
+        assert judge_end_effector(None, ours).light is Light.YELLOW
+
+    def test_wrench_pump_and_nodes(self) -> None:
+        assert judge_wrench("wrench", []).light is Light.RED
+        assert "tare" in judge_wrench("wrench", [9.0]).remedy
+        assert judge_wrench("wrench", [0.5]).light is Light.GREEN
+        assert judge_pump(Heard(), "").light is Light.RED
+        assert judge_pump(Heard([0.0, 0.1]), "no link").found == "no link"
+        checks = judge_nodes(["a", "b", "c"], {"a": (True, "fine"), "b": (False, "no camera")})
+        assert [check.light for check in checks] == [Light.GREEN, Light.RED, Light.RED]
+        assert checks[1].found == "no camera"
+
+    def test_calibration(self) -> None:
+        good = {"perception_node": dict(CAMERA)}
+        assert judge_calibration(good, []).light is Light.GREEN
+        assert judge_calibration(good, ["arm_node x"]).light is Light.RED
+        bad = {"perception_node": CAMERA | {"camera.quaternion": [1.0, 1.0, 0.0, 0.0]}}
+        assert "length 1.414" in judge_calibration(bad, []).found
+
+    def test_every_red_line_has_a_remedy(self) -> None:
+        checks = check_host("panda", "") + judge_nodes(list(NODES), {})
+        text = as_text(checks, colour=False)
+        assert all(check.remedy for check in checks if check.light is not Light.GREEN)
+        assert f"of {len(checks)} are red" in text
+        assert "\x1b[31m" in as_text(checks, colour=True)
+        assert as_text([Check("x", Light.GREEN, "y")], colour=False).endswith("all is well")
