@@ -13,13 +13,18 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/" + NAME]),
         ("share/" + NAME, ["package.xml"]),
-        ("share/" + NAME + "/launch", ["launch/sim.launch.py"]),
+        (
+            "share/" + NAME + "/launch",
+            ["launch/sim.launch.py", "launch/real.launch.py", "launch/replay.launch.py"],
+        ),
     ],
     install_requires=["setuptools"],
-    extras_require={"test": ["pytest"]},
+    extras_require={"test": ["pytest"], "rerun": ["rerun-sdk>=0.26"]},
     entry_points={
         "console_scripts": [
             "flowbothd = flowbothd_bringup.cli:main",
+            "recorder_node = flowbothd_bringup.bags.recorder_node:main",
+            "player_node = flowbothd_bringup.replay.player_node:main",
         ]
     },
 )

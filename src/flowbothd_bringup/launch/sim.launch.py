@@ -5,15 +5,8 @@
 It starts the same nodes with the same parameters as `flowbothd up sim`.
 """
 
-import tempfile
-from pathlib import Path
-
-from launch import LaunchDescription
-from launch.actions import DeclareLaunchArgument, OpaqueFunction
-from launch.substitutions import LaunchConfiguration
-from launch_ros.actions import Node
-
-from flowbothd_bringup.graph import NODES, RunOptions, sim_parameters, write_parameters
+from flowbothd_bringup.graph import NODES, RunOptions, sim_parameters
+from flowbothd_bringup.launching import RECORD, description, is_true
 from flowbothd_bringup.scenes import scene_for
 
 ARGUMENTS = {
@@ -21,37 +14,23 @@ ARGUMENTS = {
     "mode": ("", "how an ambiguous object opens; empty: drawn from the seed"),
     "seed": ("0", "run seed"),
     "predictor": ("ambiguous", "oracle, ambiguous or model"),
+    "model": ("", "weights of the predictor 'model': name, folder or file"),
     "start": ("false", "whether the policy begins by itself"),
+    **RECORD,
 }
 
 
-def _nodes(context):
-    value = {name: LaunchConfiguration(name).perform(context) for name in ARGUMENTS}
+def _graph(values):
     options = RunOptions(
-        int(value["seed"]), value["mode"], value["predictor"], start=value["start"] == "true"
+        seed=int(values["seed"]),
+        mode=values["mode"],
+        predictor=values["predictor"],
+        model=values["model"],
+        start=is_true(values["start"]),
     )
-    file = Path(tempfile.mkdtemp(prefix="flowbothd-")) / "parameters.yaml"
-    write_parameters(file, sim_parameters(scene_for(value["object"]), options))
-    return [
-        Node(
-            package=module.split(".")[0],
-            executable=name,
-            name=name,
-            output="screen",
-            parameters=[str(file)],
-        )
-        for name, module in NODES.items()
-    ]
+    return NODES, sim_parameters(scene_for(values["object"]), options)
 
 
 def generate_launch_description():
     """Declare the arguments and start the nodes."""
-    return LaunchDescription(
-        [
-            *(
-                DeclareLaunchArgument(name, default_value=default, description=text)
-                for name, (default, text) in ARGUMENTS.items()
-            ),
-            OpaqueFunction(function=_nodes),
-        ]
-    )
+    return description(ARGUMENTS, _graph)

@@ -7,19 +7,13 @@ import os
 import sys
 import tempfile
 from pathlib import Path
-from typing import Any
 
-import yaml
-
-from flowbothd_bringup.bags import about
 from flowbothd_bringup.bags.metadata import BagError
 from flowbothd_bringup.bags.reader import Bag, Span
 from flowbothd_bringup.environment import node_environment, own_domain
-from flowbothd_bringup.graph import NODES, flat_parameters, write_parameters
+from flowbothd_bringup.graph import write_parameters
 from flowbothd_bringup.processes import NodeProcess, run_graph
-
-_PERCEPTION = "perception_node"
-_OUTPUT = r"/object_cloud$|/perception_node/"
+from flowbothd_bringup.replay.graph import PLAYER, playing_graph
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
@@ -73,8 +67,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Play or compare; 0 success, 1 different, 2 unusable."""
-    if arguments.rate <= 0:
-        raise BagError("rate of a replay", got=arguments.rate, allowed="> 0")
     if arguments.recompute:
         return _recompute(arguments)
     if arguments.nodes not in ("", "perception"):
@@ -101,24 +93,15 @@ def _recompute(arguments: argparse.Namespace) -> int:
 
 
 def _play(arguments: argparse.Namespace) -> int:
-    bag = Bag(arguments.bag)
-    values: dict[str, Any] = {
-        "bag": str(arguments.bag),
-        "rate": arguments.rate,
-        "begin": arguments.begin,
-        "end": arguments.end or 0.0,
-        "loop": arguments.loop,
-    }
-    exclude = [arguments.exclude] if arguments.exclude else []
-    parameters: dict[str, dict[str, Any]] = {"player_node": values}
-    nodes = {"player_node": "flowbothd_bringup.replay.player_node"}
-    if arguments.nodes:
-        parameters[_PERCEPTION] = recorded_parameters(bag, _PERCEPTION)
-        nodes[_PERCEPTION] = NODES[_PERCEPTION]
-        exclude.append(_OUTPUT)
-        values["wait_for"] = [n for n in ("/joint_states", "/depth/image_raw") if n in bag.topics]
-    if exclude:
-        values["exclude"] = "|".join(exclude)
+    nodes, parameters = playing_graph(
+        arguments.bag,
+        rate=arguments.rate,
+        begin=arguments.begin,
+        end=arguments.end or 0.0,
+        loop=arguments.loop,
+        exclude=arguments.exclude,
+        perception=bool(arguments.nodes),
+    )
     domain = arguments.domain
     if domain is None:
         domain = int(os.environ.get("ROS_DOMAIN_ID", own_domain()))
@@ -131,30 +114,9 @@ def _play(arguments: argparse.Namespace) -> int:
             NodeProcess(
                 name,
                 (sys.executable, "-m", module, "--ros-args", "--params-file", str(file)),
-                required=name == "player_node",
+                required=name == PLAYER,
             )
             for name, module in nodes.items()
         ]
         code = run_graph(processes, node_environment(domain))
     return 0 if code == 130 else code
-
-
-def recorded_parameters(bag: Bag, node: str) -> dict[str, Any]:
-    """Parameters that a node had, for its next run on the time of the recording.
-
-    Raises:
-        BagError: they were not recorded.
-    """
-    content = yaml.safe_load(bag.attachments().get(about.PARAMETERS, b"")) or {}
-    if node not in content:
-        raise BagError(
-            f"{bag.path} has no parameters of {node}",
-            hint="record with `flowbothd record`, which asks all nodes for theirs",
-        )
-    values = flat_parameters(content[node]["ros__parameters"])
-    kept = {
-        name: value
-        for name, value in values.items()
-        if not name.startswith(("qos_overrides", "start_type_description")) and value != []
-    }
-    return kept | {"use_sim_time": True}

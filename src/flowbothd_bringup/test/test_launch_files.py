@@ -1,0 +1,164 @@
+"""The launch files start the graph that the command line starts, with the same parameters.
+
+`launch` exists with ROS from apt alone, so that the little of it that the files use stands in here:
+declarations with defaults, an opaque function that is called with the context, node actions.
+"""
+
+from __future__ import annotations
+
+import importlib.util
+import sys
+import types
+from pathlib import Path
+
+import pytest
+import yaml
+
+pytest.importorskip("rclpy", reason="ROS is not installed")
+pytestmark = pytest.mark.ros
+
+FOLDER = Path(__file__).resolve().parent.parent / "launch"
+
+
+class Declared:
+    def __init__(self, name, *, default_value, description):
+        assert description, f"launch argument {name} has no description"
+        self.name, self.default = name, default_value
+
+
+class Opaque:
+    def __init__(self, *, function):
+        self.function = function
+
+
+class Environment:
+    def __init__(self, name, value):
+        self.name, self.value = name, value
+
+
+class Configuration:
+    """Its value is looked up when the launch runs, not when the file is read."""
+
+    def __init__(self, name):
+        self.name = name
+
+    def perform(self, context):
+        return context[self.name]
+
+
+class Node:
+    def __init__(self, *, package, executable, name, output, parameters):
+        self.package, self.executable, self.name = package, executable, name
+        self.parameters = parameters
+
+
+@pytest.fixture
+def launch(monkeypatch):
+    """Runs a launch file with arguments; gives its actions."""
+    modules = {
+        "launch": types.SimpleNamespace(LaunchDescription=list),
+        "launch.actions": types.SimpleNamespace(
+            DeclareLaunchArgument=Declared,
+            OpaqueFunction=Opaque,
+            SetEnvironmentVariable=Environment,
+        ),
+        "launch.substitutions": types.SimpleNamespace(LaunchConfiguration=Configuration),
+        "launch_ros": types.SimpleNamespace(),
+        "launch_ros.actions": types.SimpleNamespace(Node=Node),
+    }
+    for name, module in modules.items():
+        monkeypatch.setitem(sys.modules, name, module)
+    monkeypatch.delitem(sys.modules, "flowbothd_bringup.launching", raising=False)
+
+    def run(file, **arguments):
+        spec = importlib.util.spec_from_file_location("launch_file", FOLDER / file)
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        described = module.generate_launch_description()
+        context = {a.name: a.default for a in described if isinstance(a, Declared)}
+        assert set(arguments) <= set(context), "an argument that the file does not declare"
+        return described[-1].function(context | arguments)
+
+    yield run
+    sys.modules.pop("flowbothd_bringup.launching", None)
+
+
+def started(actions):
+    return {a.name: a for a in actions if isinstance(a, Node)}
+
+
+def parameters_of(actions):
+    files = {file for node in started(actions).values() for file in node.parameters}
+    assert len(files) == 1
+    return yaml.safe_load(Path(files.pop()).read_text())
+
+
+def plain(parameters):
+    return {node: {"ros__parameters": values} for node, values in parameters.items()}
+
+
+def test_simulation(launch):
+    from flowbothd_bringup.graph import NODES, RunOptions, sim_parameters
+    from flowbothd_bringup.scenes import scene_for
+
+    actions = launch("sim.launch.py", object="drawer", seed="3", start="true", predictor="oracle")
+    nodes = started(actions)
+    assert set(nodes) == set(NODES)
+    assert {n.package for n in nodes.values()} == {m.split(".")[0] for m in NODES.values()}
+    options = RunOptions(seed=3, predictor="oracle", start=True)
+    assert parameters_of(actions) == plain(sim_parameters(scene_for("drawer"), options))
+    profiles = [a for a in actions if isinstance(a, Environment)]
+    assert "FASTRTPS_DEFAULT_PROFILES_FILE" in {a.name for a in profiles}, "clouds would be dropped"
+
+
+def test_every_graph_can_be_recorded(launch):
+    actions = launch("sim.launch.py", record="bags/one", profile="all")
+    assert started(actions)["recorder_node"].package == "flowbothd_bringup"
+    values = parameters_of(actions)["recorder_node"]["ros__parameters"]
+    assert values == {"out": "bags/one", "profile": "all"}
+
+
+def test_robot(launch, tmp_path):
+    from flowbothd_bringup.real import NODES, RealOptions, real_parameters
+    from flowbothd_common.errors import ParameterError
+
+    with pytest.raises(ParameterError):
+        launch("real.launch.py", backend="recording")
+    lab = tmp_path / "lab.yaml"
+    lab.write_text(
+        "perception_node: {ros__parameters: {camera.position: [1.0, 0.0, 1.0], "
+        "camera.quaternion: [0.0, 0.0, 0.0, 1.0]}}\n"
+    )
+    actions = launch("real.launch.py", backend="recording", params=str(lab), speed="0.2")
+    assert set(started(actions)) == set(NODES)
+    options = RealOptions(backend="recording", files=(lab,), speed=0.2)
+    assert parameters_of(actions) == plain(real_parameters(options))
+
+
+def test_replay(launch, tmp_path):
+    from flowbothd_bringup.bags.metadata import BagError, Topic
+    from flowbothd_bringup.bags.writer import BagWriter
+
+    writer = BagWriter(tmp_path / "bag")
+    writer.add_topic(Topic("/joint_states", "sensor_msgs/msg/JointState"))
+    writer.attach(
+        "parameters.yaml",
+        "application/yaml",
+        b"perception_node: {ros__parameters: {seed: 7, use_sim_time: false}}\n",
+    )
+    writer.close()
+    bag = str(tmp_path / "bag")
+    actions = launch("replay.launch.py", bag=bag, rate="2.0", perception="true")
+    assert set(started(actions)) == {"player_node", "perception_node"}
+    values = parameters_of(actions)
+    assert values["perception_node"]["ros__parameters"] == {"seed": 7, "use_sim_time": True}
+    player = values["player_node"]["ros__parameters"]
+    assert player["rate"] == 2.0 and "object_cloud" in player["exclude"]
+    assert player["wait_for"] == ["/joint_states"]
+    with pytest.raises(BagError, match="> 0"):
+        launch("replay.launch.py", bag=bag, rate="0")
+
+
+def test_all_launch_files_are_installed():
+    text = (FOLDER.parent / "setup.py").read_text()
+    assert all(f"launch/{file.name}" in text for file in FOLDER.glob("*.launch.py"))
