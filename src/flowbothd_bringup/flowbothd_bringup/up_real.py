@@ -45,8 +45,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add_real_arguments(parser)
     parser.add_argument(
         "--model",
-        default="compact-doors",
-        help="weights: name, folder or file (default: %(default)s)",
+        default="",
+        help="weights: name, folder or file (default: those of config/real.yaml)",
     )
     parser.add_argument("--speed", type=float, default=None, help="part of all speeds, 0.01..1")
     parser.add_argument("--dry-run", action="store_true", help="plan and show, but never move")

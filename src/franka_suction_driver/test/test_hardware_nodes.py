@@ -204,6 +204,48 @@ def test_the_motion_node_hears_best_effort_wrenches(ros: Any) -> None:
     assert reader.qos_profile.reliability is ReliabilityPolicy.BEST_EFFORT
 
 
+@pytest.mark.parametrize("fault", ["killed", "reflex"])
+def test_a_motion_ends_when_its_backend_does(ros: Any, fault: str) -> None:
+    """The backend is killed, or the robot stops itself, in the middle of a motion."""
+    from rclpy.action import ActionClient
+
+    from flowbothd_interfaces.action import Approach
+    from franka_suction_driver.arm_node import ArmNode
+    from franka_suction_driver.motion_node import MotionNode
+
+    arm = ros.add(ArmNode, backend="recording", heartbeat_timeout=0.5)
+    motion = ros.add(
+        MotionNode,
+        safety__speed_scale=0.5,
+        input_timeout=0.4,
+        watch_nodes=["arm_node"],
+        ready_nodes=["arm_node"],
+    )
+    robot = arm._backend._library.robot
+    client = ActionClient(motion, Approach, "motion/approach")
+    ros.until(client.server_is_ready, "the action server")
+    ros.until(lambda: not motion._inputs.stale(guarded=False), "the robot's inputs")
+    goal = Approach.Goal()
+    goal.contact.x, goal.contact.y, goal.contact.z = 0.55, 0.1, 0.3
+    goal.direction.x = -1.0
+    sent = client.send_goal_async(goal)
+    ros.until(sent.done, "the goal's acceptance")
+    future = sent.result().get_result_async()
+    ros.until(lambda: bool(np.abs(robot.dq).max() > 0.05), "the motion")
+    if fault == "killed":
+        ros.remove(arm)
+    else:
+        robot.reflex("cartesian_reflex")
+    ros.until(future.done, "the result", 10.0)
+    result = future.result().result.result
+    assert result.reason == "stale_input", result.message
+    assert "arm_node" in result.message or "joint_states" in result.message
+    if fault == "reflex":
+        assert "cartesian_reflex" in result.message
+    assert not motion._core.busy
+    client.destroy()
+
+
 class TestTopic:
     """A robot behind a JointTrajectoryController."""
 

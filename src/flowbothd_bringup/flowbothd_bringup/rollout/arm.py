@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 from flowbothd_bringup.graph import sim_motion_params
@@ -21,7 +21,7 @@ from flowbothd_policy.params import PolicyParams
 from flowbothd_policy.predictor import FlowPredictor
 from franka_suction_driver.description import compose_urdf
 from franka_suction_driver.executor import MotionExecutor, make_kinematics
-from franka_suction_driver.params import SuctionParams
+from franka_suction_driver.params import MotionParams, SuctionParams
 from franka_suction_driver.suction import SuctionMachine
 from sim_bridge.camera import DepthCamera
 from sim_bridge.depth_noise import DepthNoise
@@ -145,6 +145,8 @@ def arm_rollout(
     mode: str = "",
     predictor: str | FlowPredictor = "oracle",
     policy: Mapping[str, Any] | None = None,
+    motion: MotionParams | None = None,
+    disturb: Callable[[ArmWorld], ArmWorld] | None = None,
 ) -> tuple[RunRecord, dict[str, float]]:
     """One run from home pose and closed object to the policy's own outcome.
 
@@ -154,6 +156,8 @@ def arm_rollout(
         mode: Of an object with modes.
         predictor: oracle, ambiguous, or anything that predicts.
         policy: Parameters of the policy by dotted name, on top of the scene's.
+        motion: Parameters of the motion core; those of the simulation if omitted.
+        disturb: Puts something between world and cores, as a fault; for tests.
 
     Returns:
         The record, and the largest force [N] of every contact of the arm that was not the cup's,
@@ -162,13 +166,14 @@ def arm_rollout(
     model = load_object(scene.object, mode=mode or None, seed=seed)
     urdf = compose_urdf()
     params = build(PolicyParams, {**scene.policy, **(policy or {}), "seed": seed})
-    motion = sim_motion_params()
+    motion = motion or sim_motion_params()
     record = RunRecord(scene.name, model.mode, seed, str(predictor))
     with ArmWorld(urdf, model, scene.T_base_object) as world:
         camera = DepthCamera(world.parts(), scene.T_base_camera, noise=DepthNoise(), seed=seed)
         executor = MotionExecutor(make_kinematics(motion, urdf), motion, seed)
         perception = PerceptionPipeline(PipelineParams(), urdf)
-        adapter = ArmPolicyWorld(world, camera, perception, executor, seed, record)
+        driven = world if disturb is None else disturb(world)
+        adapter = ArmPolicyWorld(driven, camera, perception, executor, seed, record)
         if isinstance(predictor, str):
             predictor = OraclePredictor(adapter.truth, OracleParams(mode=predictor))
         record.predictor = predictor.model_id
