@@ -127,6 +127,26 @@ def test_the_recorded_demo_is_decided_the_same_way_again(demo_run, tmp_path, nod
         assert found["perception"]["equal"] > 50
 
 
+def test_the_recorded_demo_opens_with_the_libraries_of_others(demo_run):
+    """Every definition parses, and every type hash is the one that `rosbags` computes from it."""
+    from mcap.reader import make_reader
+    from rosbags.highlevel import AnyReader
+
+    folder = demo_run[0] / "bag"
+    with AnyReader([folder]) as reader:
+        events = [c for c in reader.connections if c.topic == "/policy/events"]
+        told = [
+            reader.deserialize(raw, c.msgtype).decision for c, _, raw in reader.messages(events)
+        ]
+        count = reader.message_count
+    assert "predict" in told
+    with (folder / "bag_0.mcap").open("rb") as file:
+        mcap = make_reader(file, validate_crcs=True)
+        assert sum(1 for _ in mcap.iter_messages()) == count
+        names = {attachment.name for attachment in mcap.iter_attachments()}
+    assert {"parameters.yaml", "calibration.yaml", "robot_description.urdf"} <= names
+
+
 def test_a_changed_parameter_shows_as_a_divergence(demo_run):
     """A comparison that could not fail would prove nothing."""
     from flowbothd_bringup.bags.reader import Bag

@@ -336,7 +336,35 @@ def test_definitions_hold_all_that_a_type_is_made_of(monkeypatch):
     parts = re.findall(r"^MSG: (\S+)$", whole, flags=re.MULTILINE)
     assert {"std_msgs/Header", "sensor_msgs/PointCloud2", "sensor_msgs/PointField"} <= set(parts)
     assert "flowbothd_interfaces/FlowPrediction" not in parts
-    event = definition("flowbothd_interfaces/srv/GroundTruthFlow_Event")
-    assert "MSG: service_msgs/ServiceEventInfo" in event
-    assert "MSG: flowbothd_interfaces/srv/GroundTruthFlow_Response" in event
     assert definition("nobody_msgs/msg/Unknown") == ""
+
+
+def test_a_service_event_or_an_unknown_type_does_not_close_the_recording_to_others(
+    tmp_path, monkeypatch
+):
+    """`rosbags` refused whole recordings because of one topic of service events."""
+    from mcap.reader import make_reader
+    from rosbags.highlevel import AnyReader
+
+    monkeypatch.setenv("AMENT_PREFIX_PATH", sys.prefix)
+    writer = BagWriter(tmp_path / "bag")
+    for name, kind in (
+        ("/sim/ground_truth_flow/_service_event", "flowbothd_interfaces/srv/GroundTruthFlow_Event"),
+        ("/motion/probe/_action/feedback", "flowbothd_interfaces/action/Probe_FeedbackMessage"),
+        ("/strange", "nobody_msgs/msg/Unknown"),
+        ("/policy/inputs", "flowbothd_interfaces/msg/PolicyInput"),
+        ("/chatter", "std_msgs/msg/String"),
+    ):
+        writer.add_topic(Topic(name, kind, (QOS,)))
+        writer.write(name, 1, text("hello"))
+    writer.close()
+    with AnyReader([tmp_path / "bag"]) as reader:
+        assert len(reader.connections) == 5
+        chatter = [c for c in reader.connections if c.topic == "/chatter"]
+        heard = [reader.deserialize(raw, c.msgtype).data for c, _, raw in reader.messages(chatter)]
+    assert heard == ["hello"]
+    with (tmp_path / "bag" / "bag_0.mcap").open("rb") as file:
+        schemas = {
+            schema.name: schema.encoding for schema, _, _ in make_reader(file).iter_messages()
+        }
+    assert schemas["nobody_msgs/msg/Unknown"] == "" and schemas["std_msgs/msg/String"] == "ros2msg"

@@ -10,13 +10,13 @@ _BUILT_IN = re.compile(r"(bool|byte|char|w?string|float(32|64)|u?int(8|16|32|64)
 _FIELD = re.compile(r"^\s*([A-Za-z][\w/]*)(?:<=\d+)?\s*(?:\[[^\]]*\])?\s+\w+")
 _LINE = "\n" + 80 * "=" + "\nMSG: "
 _FEEDBACK, _FEEDBACK_PART = "_FeedbackMessage", "_Feedback"
-_EVENT, _REQUEST, _RESPONSE = "_Event", "_Request", "_Response"
 
 
 def definition(kind: str) -> str:
     """Text of a type such as ``std_msgs/msg/Header`` with all that it is made of (ros2msg).
 
-    Empty if the type or a part of it is not installed.
+    Empty if the type or a part of it is not installed, and for what services send: readers such as
+    `rosbags` refuse a whole recording for a definition whose name has `srv` in it.
     """
     try:
         first = _text(kind)
@@ -57,16 +57,6 @@ def _text(kind: str) -> str:
     package, group, name = kind.split("/")
     if group == "msg":
         return _file(package, f"msg/{name}.msg")
-    if group == "srv" and name.endswith(_EVENT):
-        service = f"{package}/srv/{name.removesuffix(_EVENT)}"
-        return (
-            "service_msgs/ServiceEventInfo info\n"
-            f"{service}{_REQUEST}[<=1] request\n{service}{_RESPONSE}[<=1] response\n"
-        )
-    if group == "srv":
-        half = 1 if name.endswith(_RESPONSE) else 0
-        stem = name.removesuffix(_RESPONSE).removesuffix(_REQUEST)
-        return re.split(r"^---\s*$", _file(package, f"srv/{stem}.srv"), flags=re.MULTILINE)[half]
     if group == "action" and name.endswith(_FEEDBACK):
         action = f"{package}/action/{name.removesuffix(_FEEDBACK)}"
         return f"unique_identifier_msgs/UUID goal_id\n{action}{_FEEDBACK_PART} feedback\n"

@@ -84,7 +84,8 @@ class McapWriter:
         known = [schema.id for schema in schemas.values() if schema.name == kind]
         records: list[McapRecord] = []
         if not known:
-            schema = Schema(len(schemas) + 1, definition.encode(), "ros2msg", kind)
+            format_name = "ros2msg" if definition else ""
+            schema = Schema(len(schemas) + 1, definition.encode(), format_name, kind)
             records.append(schema)
             known = [schema.id]
         number = len(self.index.channels) + 1
