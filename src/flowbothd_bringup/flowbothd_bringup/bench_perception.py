@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from flowbothd_bringup.bench import Timing, add_json_argument, measure, timing_table, write_timings
 from flowbothd_bringup.perception_load import Load, LoadFigures, run_load
 from flowbothd_bringup.perception_scenes import MOUNTS, TruthFrame, TruthScenes
-from flowbothd_bringup.perception_truth import KINDS, TruthCheck, TruthReport
+from flowbothd_bringup.perception_truth import KINDS, TruthCheck, TruthReport, compare
 from flowbothd_perception.frame import CloudFrame, DepthFrame, Optics
 from flowbothd_perception.params import CropParams, PipelineParams
 from flowbothd_perception.pipeline import PerceptionPipeline
@@ -128,15 +128,13 @@ def plain(depth: NDArray[Any], T_base_camera: np.ndarray, lens: Intrinsics, box:
 
 def truth_reports(urdf: str, poses: int, seed: int) -> dict[str, TruthReport]:
     """The figures of every kind of input, exact, and with noise and a wrong calibration."""
-    reports = {}
     exact, noisy = TruthScenes(urdf), TruthScenes(urdf, noise=NOISE)
-    for kind in KINDS:
-        check = TruthCheck(urdf, exact.lens.directions(), kind=kind)
-        reports[f"{kind}, exact"] = check.run(exact.frames(poses, seed))
-        reports[f"{kind}, noise, 1 cm and 0.5 degrees off"] = check.run(
-            noisy.frames(poses, seed), metres=0.01, degrees=0.5, seed=seed
-        )
-    return reports
+    checks = {kind: TruthCheck(urdf, exact.lens.directions(), kind=kind) for kind in KINDS}
+    right = compare(exact.frames(poses, seed), checks)
+    wrong = compare(noisy.frames(poses, seed), checks, metres=0.01, degrees=0.5, seed=seed)
+    return {f"{kind}, exact": right[kind] for kind in KINDS} | {
+        f"{kind}, noise, 1 cm and 0.5 degrees off": wrong[kind] for kind in KINDS
+    }
 
 
 def truth_table(reports: Mapping[str, TruthReport]) -> str:

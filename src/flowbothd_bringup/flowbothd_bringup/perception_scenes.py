@@ -144,6 +144,20 @@ class TruthScenes:
             camera.set_parts((*static_parts(self._urdf), *parts))
             yield self._picture(camera, {**poses, **self._robot_poses(q)}, q, mount, model, rng)
 
+    def still_life(self, count: int, seed: int = 0) -> Iterator[TruthFrame]:
+        """Pictures in which only the arm moves, near its home pose: for calibration."""
+        rng = np.random.default_rng(seed)
+        model, mount = self._models[0], self._mounts[0]
+        parts, poses = self._object(model, rng)
+        camera = DepthCamera((), mount.T_base_camera, self.lens)
+        camera.set_parts((*static_parts(self._urdf), *parts))
+        while count:
+            q = _HOME + rng.uniform(-0.6, 0.6, 7)
+            if self._robot_poses(q)["robot/suction_cup"][2, 3] > 0.1:
+                count -= 1
+                arm = self._robot_poses(q)
+                yield self._picture(camera, {**poses, **arm}, q, mount, model, rng)
+
     def _object(
         self, model: ObjectModel, rng: np.random.Generator
     ) -> tuple[tuple[Part, ...], dict[str, Array]]:

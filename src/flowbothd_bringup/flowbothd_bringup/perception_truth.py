@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
@@ -160,17 +160,9 @@ class TruthCheck:
         self._optics = Optics(np.ascontiguousarray(directions[..., :2]))
         self._loose = kind == "loose"
 
-    def run(
-        self, frames: Iterable[TruthFrame], metres: float = 0.0, degrees: float = 0.0, seed: int = 0
-    ) -> TruthReport:
-        """Count frames seen by a camera whose calibration is wrong by so much."""
-        rng, report = np.random.default_rng(seed), TruthReport()
-        for frame in frames:
-            told = frame.mount.T_base_camera
-            if metres or degrees:
-                told = displaced(told, rng, metres, degrees)
-            report.add(frame, self.verdicts(frame, told), self._inside(frame))
-        return report
+    def count(self, frame: TruthFrame, T_base_camera: Array, report: TruthReport) -> None:
+        """Count one frame, given what a calibration tells of the camera's pose."""
+        report.add(frame, self.verdicts(frame, T_base_camera), self._inside(frame))
 
     def verdicts(self, frame: TruthFrame, T_base_camera: Array) -> NDArray[np.uint8]:
         """(H, W) what the pipeline takes every pixel for."""
@@ -200,3 +192,21 @@ class TruthCheck:
     def _loose_frame(self, depth: NDArray[np.float32]) -> Frame:
         valid = depth > 0
         return CloudFrame(self._directions[valid] * depth[valid][:, None])
+
+
+def compare(
+    frames: Iterable[TruthFrame],
+    checks: Mapping[str, TruthCheck],
+    metres: float = 0.0,
+    degrees: float = 0.0,
+    seed: int = 0,
+) -> dict[str, TruthReport]:
+    """Count frames in every form, seen by a camera whose calibration is wrong by so much."""
+    rng, reports = np.random.default_rng(seed), {name: TruthReport() for name in checks}
+    for frame in frames:
+        told = frame.mount.T_base_camera
+        if metres or degrees:
+            told = displaced(told, rng, metres, degrees)
+        for name, check in checks.items():
+            check.count(frame, told, reports[name])
+    return reports

@@ -12,6 +12,7 @@ from flowbothd_perception.crop import to_base
 from flowbothd_perception.params import PipelineParams, RobotFilterParams, SamplingParams
 from flowbothd_perception.pipeline import PerceptionPipeline
 from flowbothd_perception.robot_filter import RobotFilter
+from flowbothd_perception.solids import Hull
 
 PLAIN = RobotFilterParams(padding=0.02, padded_links=(), paddings=())
 LINK = (
@@ -147,41 +148,54 @@ def test_odd_frames_have_a_defined_result(pipeline, points, message):
     assert result.points.shape[1] == 3
 
 
-@pytest.mark.long
-def test_against_the_truth_of_the_sim_camera():
-    """The composed arm in random poses before the door: per-pixel labels tell right from wrong."""
-    pinocchio = pytest.importorskip("pinocchio")
-    camera_module = pytest.importorskip("sim_bridge.camera")
-    world_module = pytest.importorskip("sim_bridge.world")
-    registry = pytest.importorskip("sim_bridge.objects.registry")
-    description = pytest.importorskip("franka_suction_driver.description")
-    urdf = description.compose_urdf()
-    robot = RobotFilter(urdf, RobotFilterParams())
-    model, rng = pinocchio.buildModelFromXML(urdf), np.random.default_rng(0)
-    home = np.array([0, -np.pi / 4, 0, -3 * np.pi / 4, 0, np.pi / 2, np.pi / 4])
-    counts = np.zeros(4)
-    with world_module.ArmWorld(
-        urdf, registry.load_object("custom_door", mode="pull_left")
-    ) as world:
-        camera = camera_module.DepthCamera(world.parts(), CAMERA)
-        poses = world.part_poses()
-        for _ in range(10):
-            q = home + rng.uniform(-0.7, 0.7, 7)
-            data = model.createData()
-            pinocchio.framesForwardKinematics(model, data, q)
-            for name in [name for name in poses if name.startswith("robot/")]:
-                poses[name] = data.oMf[model.getFrameId(name[6:])].homogeneous
-            image = camera.render(poses)
-            valid = image.depth > 0
-            rays = camera.intrinsics.directions()[valid]
-            points = apply(CAMERA, (rays * image.depth[valid][:, None]).astype(np.float32))
-            is_robot, is_object = image.mask("robot/")[valid], image.mask("object/")[valid]
-            found = robot.on_robot(points, q)
-            counts += [
-                is_robot.sum(),
-                (found & is_robot).sum(),
-                is_object.sum(),
-                (found & is_object).sum(),
-            ]
-    assert counts[1] / counts[0] > 0.999
-    assert counts[3] / counts[2] < 0.005
+def test_scaled_links_and_shadows_of_every_shape():
+    """A cylinder that is twice as large, and points that the robot hides from the camera."""
+    beside = np.array([[0.08, 0.0, 0.45]], np.float32)
+    assert not RobotFilter(URDF, PLAIN).on_robot(beside, [0.0])[0]
+    large = replace(PLAIN, padded_links=("arm",), paddings=(0.0,), scales=(2.0,))
+    assert RobotFilter(URDF, large).on_robot(beside, [0.0])[0]
+    with pytest.raises(ParameterError, match="scales differ in length"):
+        RobotFilterParams(scales=(1.0,))
+    eye = np.array([-1.0, 0.0, 0.3])
+    behind = np.array([[1.0, 0.0, 0.1], [1.0, 0.0, 0.5], [1.0, 0.0, 0.85]], np.float32)
+    lit = np.array([[1.0, 0.5, 0.1], [-0.5, 0.0, 0.3], [1.0, 0.0, 1.6]], np.float32)
+    shaded = RobotFilter(URDF, replace(PLAIN, shadow=True))
+    np.testing.assert_array_equal(shaded.on_robot(behind, [0.0], eye), [True] * 3)
+    assert not shaded.on_robot(lit, [0.0], eye).any()
+    assert not shaded.on_robot(behind, [0.0]).any(), "without an eye there is no shadow"
+    assert not RobotFilter(URDF, PLAIN).on_robot(behind, [0.0], eye).any()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_shadows_are_what_sampling_along_the_ray_finds(seed):
+    rng = np.random.default_rng(seed)
+    robot = RobotFilter(URDF, replace(PLAIN, padding=0.0, shadow=True))
+    eye, q = np.array([-0.9, 0.6, 0.8]), rng.uniform(-1, 1, 1)
+    points = rng.uniform((0.0, -0.6, 0.0), (1.0, 0.6, 0.9), (300, 3)).astype(np.float32)
+    steps = np.linspace(0, 1, 400)[:, None, None]
+    along = (eye + steps * (points - eye)).astype(np.float32).reshape(-1, 3)
+    bare = RobotFilter(URDF, replace(PLAIN, padding=0.0))
+    blocked = bare.on_robot(along, q).reshape(400, -1).any(axis=0)
+    found = robot.on_robot(points, q, eye)
+    assert (found != blocked).mean() < 0.02, "but for rays that graze an edge"
+    assert not (blocked & ~found).any()
+
+
+def test_distances_are_those_to_the_surface():
+    robot = RobotFilter(URDF, replace(PLAIN, padding=0.0))
+    points = np.array([[0.2, 0.0, 0.05], [0.1, 0.0, 0.45], [0.0, 0.0, 0.7]], np.float32)
+    distance, part = robot.distances(points, [0.0])
+    np.testing.assert_allclose(distance, [0.1, 0.05, 0.04], atol=1e-6)
+    assert [robot.links[i] for i in part] == ["base", "arm", "ball"]
+    only, _ = robot.distances(points, [0.0], frozenset({"ball"}))
+    assert (only >= distance).all()
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_lookup_grid_answers_as_the_faces_do(seed):
+    rng = np.random.default_rng(seed)
+    hull = Hull(rng.normal(size=(40, 3)) * (0.1, 0.05, 0.2), 0.01)
+    points = rng.normal(scale=0.15, size=(20000, 3)).astype(np.float32)
+    exact = (points @ hull.planes[:, :3].T + hull.planes[:, 3] <= 0).all(axis=1)
+    np.testing.assert_array_equal(hull.contains(points), exact)
+    assert 100 < exact.sum() < 15000

@@ -30,6 +30,15 @@ _AHEAD = 0.03
 _STEP = 3e-4
 """Of numerical derivatives [m, rad]."""
 
+_STARTS = 30
+"""Places from which the pose is looked for, around the guess."""
+
+_START_SHIFT, _START_TURN = 0.06, 0.09
+"""How far they scatter (standard deviations in each axis) [m, rad]."""
+
+_FOUND = 0.004
+"""Median distance of the moving points that no wrong pose reaches; hulls allow no less [m]."""
+
 _FEWEST = 60
 """Points of the tool below which a pose says nothing of it."""
 
@@ -56,7 +65,7 @@ class Stage:
 
 
 STAGES = (
-    Stage(np.inf, 0.05, rounds=40),
+    Stage(np.inf, 0.03, points=60, rounds=12),
     Stage(0.06, 0.01),
     Stage(0.03, 0.005),
     Stage(0.015, 0.003, tool_only=True, points=400),
@@ -124,8 +133,8 @@ def fit_robot(
     seen = list(moving_points(captures, rng) if clouds is None else clouds)
     joints = [c.joint_positions[joint_order(robot.joint_names, c.joint_names)] for c in captures]
     fit = _Fit(robot, frozenset(tool_links), seen, joints, rng)
-    pose = guess
-    for stage in stages:
+    pose = fit.search(guess, stages[:2])
+    for stage in stages[1:]:
         pose = fit.refine(pose, stage)
     last = fit.chosen(pose, stages[-1])
     residuals = [
@@ -159,6 +168,27 @@ class _Fit:
         self._robot, self._tool = robot, tool
         self._clouds, self._joints, self._rng = clouds, joints, rng
         self._is_tool = np.array([link in tool for link in robot.links])
+
+    def search(self, guess: Array, stages: Sequence[Stage]) -> Array:
+        """The pose from which the fine stages can start.
+
+        A shape seen from one side fits itself in wrong places too; those leave larger distances.
+        """
+        some = [cloud[self._rng.permutation(len(cloud))[:150]] for cloud in self._clouds]
+        pivot = np.concatenate([to_base(guess, c) for c in some]).mean(axis=0).astype(float)
+        best, smallest = guess, np.inf
+        for start in range(_STARTS):
+            change = self._rng.normal(size=6) * np.repeat([_START_SHIFT, _START_TURN], 3)
+            pose = guess if start == 0 else twisted(change, pivot) @ guess
+            for stage in stages:
+                pose = self.refine(pose, stage)
+            left = [self.distances(pose, i, c, stages[0]) for i, c in enumerate(some)]
+            median = float(np.median(np.abs(np.concatenate(left))))
+            if median < smallest:
+                best, smallest = pose, median
+            if smallest < _FOUND:
+                break
+        return best
 
     def chosen(self, pose: Array, stage: Stage) -> list[Cloud]:
         """Points of each capture that the stage uses, given the pose so far."""

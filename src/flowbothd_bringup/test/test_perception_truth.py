@@ -1,0 +1,80 @@
+"""A small edition of `flowbothd bench perception --truth`, and recorded clouds."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from flowbothd_bringup.perception_scenes import TruthScenes
+from flowbothd_bringup.perception_truth import KINDS, TruthCheck, compare, displaced
+from flowbothd_bringup.real_clouds import read_recorded
+from flowbothd_common.transforms import look_at, rotation_angle
+from franka_suction_driver.description import compose_urdf
+from sim_bridge.camera import Intrinsics
+from sim_bridge.depth_noise import DepthNoise
+
+LENS = Intrinsics(320, 288, 252.0, 252.0, 159.5, 143.5)
+RECORDED = Path(__file__).resolve().parents[3] / "../shared/data/real_clouds"
+
+
+@pytest.fixture(scope="module")
+def checks():
+    urdf, directions = compose_urdf(), LENS.directions()
+    return {kind: TruthCheck(urdf, directions, kind=kind) for kind in KINDS}
+
+
+@pytest.mark.long
+def test_the_robot_goes_and_the_object_stays_in_every_form(checks):
+    """Ten objects, five mounts: turning or mirroring the camera changes nothing."""
+    reports = compare(TruthScenes(compose_urdf(), lens=LENS).frames(10, seed=3), checks)
+    for kind, report in reports.items():
+        shares = report.total.shares()
+        assert shares["robot_removed"] >= 0.999, kind
+        assert shares["object_kept"] >= 0.995, kind
+        assert shares["object_kept_with_crop"] >= 0.995, kind
+        assert len(report.by_mount) == 5
+        for tally in report.by_mount.values():
+            assert tally.shares()["robot_removed"] >= 0.999
+            assert not tally.object or tally.shares()["object_kept"] >= 0.995
+
+
+@pytest.mark.long
+def test_a_calibration_that_is_a_centimetre_off_does_little_harm(checks):
+    noise = DepthNoise(flying_fraction=0.3)
+    frames = TruthScenes(compose_urdf(), noise=noise, lens=LENS).frames(10, seed=3)
+    for kind, report in compare(frames, checks, metres=0.01, degrees=0.5).items():
+        shares = report.total.shares()
+        assert shares["robot_removed"] >= 0.99, kind
+        assert shares["object_kept"] >= 0.98, kind
+        # At half the resolution a flying pixel has more of its neighbours beyond the edge.
+        assert shares["flying_removed"] >= 0.9, kind
+
+
+def test_a_displaced_camera_is_off_by_what_was_asked_for():
+    camera = look_at((0.5, -1.1, 0.7), (0.5, 0.0, 0.2))
+    wrong = displaced(camera, np.random.default_rng(0), 0.01, 0.5)
+    assert np.linalg.norm(wrong[:3, 3] - camera[:3, 3]) == pytest.approx(0.01)
+    turned = np.degrees(rotation_angle(wrong[:3, :3] @ camera[:3, :3].T))
+    assert turned == pytest.approx(0.5, abs=1e-6)
+
+
+@pytest.mark.long
+def test_recorded_clouds_go_through_the_sampling_and_the_network():
+    if not RECORDED.is_dir():
+        pytest.skip("no recorded clouds at ../shared/data/real_clouds")
+    pytest.importorskip("torch")
+    from flowbothd_model.predictor import load
+
+    recorded = read_recorded(RECORDED)
+    assert [item.name for item in recorded] == [
+        "door, with its last step",
+        "microwave, closed",
+        "microwave, open",
+    ]
+    predictor = load("compact-procedural")
+    for item in recorded:
+        assert item.points.shape == (1200, 3)
+        assert np.isfinite(item.points).all()
+        flows = predictor.sample(item.points, item.history, samples=1, steps=3, seed=0)
+        assert np.isfinite(flows).all()
+        assert np.linalg.norm(flows[0], axis=1).max() == pytest.approx(1.0, abs=1e-4)
