@@ -26,7 +26,8 @@ class CloudOutputs:
     def __init__(self, node: Node, base_frame: str) -> None:
         self._base_frame = base_frame
         make = node.create_publisher
-        self._object = make(PointCloud2, "object_cloud", qos.IMAGE)
+        # With one message kept, a recorder that is a moment late would miss what was decided upon.
+        self._object = make(PointCloud2, "object_cloud", qos.FRAMES)
         self._organised = make(PointCloud2, "~/organised", qos.IMAGE)
         self._removed = {
             Verdict.ROBOT: make(PointCloud2, "~/debug/robot", qos.IMAGE),
