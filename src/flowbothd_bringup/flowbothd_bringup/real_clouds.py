@@ -58,7 +58,7 @@ def read_recorded(folder: Path) -> list[Recorded]:
         raise InvalidCloudError("recorded clouds are missing", got=", ".join(missing))
     result = [_door(door)]
     for file in sorted(microwave.glob("*.ply")):
-        points = np.asarray(o3d.io.read_point_cloud(str(file)).points, dtype=np.float32)
+        points = np.asarray(o3d.io.read_point_cloud(file).points, dtype=np.float32)
         result.append(sampled(file.stem.replace("_", ", "), points, _LEVEL))
     return result
 

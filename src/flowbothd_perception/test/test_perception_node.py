@@ -77,7 +77,7 @@ def bench():
     class Bench(Node):
         def __init__(self, **kwargs):
             super().__init__("bench", **kwargs)
-            self.clouds, self.said = [], []
+            self.clouds, self.said = [], [(b"\x00", "")]
             self.description = self.create_publisher(String, "robot_description", qos.LATCHED)
             self.joints = self.create_publisher(JointState, "joint_states", qos.STATE)
             self.image = self.create_publisher(Image, "depth/image_raw", qos.IMAGE)
@@ -103,13 +103,14 @@ def bench():
 
         def send_info(self, **changes):
             k = [100.0, 0.0, 49.5, 0.0, 100.0, 39.5, 0.0, 0.0, 1.0]
-            self.info.publish(CameraInfo(width=100, height=80, **{"k": k, **changes}))
+            self.info.publish(CameraInfo(**{"width": 100, "height": 80, "k": k, **changes}))
 
-        def send_image(self, stamp, depth=0.8):
+        def send_image(self, stamp, depth=0.8, frame=""):
             values = np.full((80, 100), round(1000 * depth), np.uint16)
             message = Image(height=80, width=100, encoding="16UC1", step=200)
             message.data = array.array("B", values.tobytes())
             message.header.stamp = to_stamp(stamp)
+            message.header.frame_id = frame
             self.image.publish(message)
 
         def send_cloud(self, stamp, values):
@@ -227,6 +228,104 @@ def test_bad_input_is_told_and_survived(ros, case):
     if cloud_input:
         ros.wait(lambda: other.clouds, "an empty cloud")
         assert points_of(other.clouds[0]).shape == (0, 3)
+
+
+@pytest.mark.parametrize("case", ["another frame", "from the past", "from the future", "size"])
+def test_frames_that_cannot_be_used_are_told_and_the_next_good_one_is(ros, case):
+    wanted = {"camera.frame": "depth_camera_link", "joint_wait": 0.2}
+    other = start(ros, **wanted)
+    other.send_description()
+    stamps = iter(np.arange(100.0, 1000.0, 0.05))
+    expected = {
+        "another frame": "frame id of the camera; got rgb; allowed: depth_camera_link",
+        "from the past": "after the image",
+        "from the future": "before the image",
+        "size": "differ in size",
+    }[case]
+    good = [False]
+
+    def send():
+        stamp, bad = float(next(stamps)), not good[0]
+        other.send_joints(stamp - 0.02)
+        other.send_info(**({"width": 50} if bad and case == "size" else {}))
+        shift = {"from the past": -50.0, "from the future": 50.0}.get(case, 0.0) if bad else 0.0
+        frame = "rgb" if bad and case == "another frame" else "depth_camera_link"
+        other.send_image(stamp + shift, frame=frame)
+        other.send_joints(stamp + 0.01)
+
+    sending = paced(send)
+    ros.wait(lambda: sending() or any(expected in t for _, t in other.said), f"{expected!r}")
+    assert not other.clouds
+    good[0] = True
+    ros.wait(lambda: sending() or other.clouds, "a cloud of a good frame")
+    ros.wait(
+        lambda: sending() or other.said[-1] == (b"\x00", "publishing object_cloud"),
+        "an OK afterwards",
+    )
+
+
+def test_a_camera_that_stalls_is_missed_and_comes_back(ros):
+    other = start(ros, image_timeout=0.5)
+    other.send_description()
+    stamps = iter(np.arange(1.0, 1000.0, 0.05))
+    stalled = [False]
+
+    def send():
+        stamp = float(next(stamps))
+        if not stalled[0]:
+            other.send_info()
+            other.send_image(stamp)
+        other.send_joints(stamp + 0.01)
+
+    sending = paced(send)
+    ros.wait(lambda: sending() or other.clouds, "a cloud")
+    stalled[0] = True
+    ros.wait(lambda: sending() or "missing: depth/image_raw" in other.said[-1][1], "a complaint")
+    assert other.said[-1][0] == b"\x02"
+    before, stalled[0] = len(other.clouds), False
+    ros.wait(lambda: sending() or len(other.clouds) > before, "a cloud after the stall")
+    ros.wait(
+        lambda: sending() or other.said[-1] == (b"\x00", "publishing object_cloud"),
+        "an OK afterwards",
+    )
+
+
+def test_removed_points_and_organised_clouds_are_made_while_somebody_listens(ros):
+    from sensor_msgs.msg import PointCloud2
+
+    from flowbothd_common.ros import qos
+
+    other = start(ros)
+    got = {}
+    for name in ("debug/robot", "debug/outliers", "organised"):
+        other.create_subscription(
+            PointCloud2,
+            f"perception_node/{name}",
+            lambda message, name=name: got.__setitem__(name, message),
+            qos.IMAGE,
+        )
+    other.send_description()
+    stamps = iter(np.arange(1.0, 1000.0, 0.2))
+
+    def send():
+        stamp = float(next(stamps))
+        other.send_info()
+        other.send_joints(stamp - 0.05, np.pi / 2)
+        other.send_image(stamp)
+        other.send_joints(stamp + 0.01, np.pi / 2)
+
+    sending = paced(send)
+    ros.wait(lambda: sending() or len(got) == 3, "all three clouds")
+    whole = got["organised"]
+    assert (whole.height, whole.width) == (80, 100)
+    points = points_of(whole)
+    kept = np.isfinite(points[:, 0])
+    robot = points_of(got["debug/robot"])
+    assert len(robot) > 100
+    assert (np.abs(robot[:, 1]) < 0.08).all()
+    # The image shows the plane at height 0.2; every pixel of it is the robot's or the object's.
+    assert 500 < kept.sum() <= 8000 - len(robot)
+    np.testing.assert_allclose(points[kept][:, 2], 0.2, atol=1e-3)
 
 
 def test_a_missing_calibration_ends_the_node(ros):
