@@ -68,7 +68,14 @@ def fine_samples(
 def fine_violation(
     limits: JointLimits, trajectory: JointTrajectory, start: JointState, tolerance: float = 1e-6
 ) -> Violation | None:
-    """The worst excess over a limit at or between the points, or None."""
+    """The worst excess over a limit at or between the points, or None.
+
+    Args:
+        limits: Of the joints.
+        trajectory: In their order.
+        start: State that it is entered from.
+        tolerance: Accepted excess, as a part of the limit; negative keeps a reserve.
+    """
     fine = fine_samples(trajectory, start)
     centre, half = (limits.upper + limits.lower) / 2, (limits.upper - limits.lower) / 2
     worst: Violation | None = None

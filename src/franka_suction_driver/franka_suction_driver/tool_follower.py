@@ -32,6 +32,8 @@ _STEP_BACK = 0.004
 _BRAKINGS = (1.0, 0.7, 0.5, 0.35, 0.2, 0.1)
 _MOST_SAMPLES = 50
 _OFFSET_SHARE = 0.6
+# The check looks at five places between two points; the worst may lie between those.
+_RESERVE = 0.02
 
 
 @dataclass(frozen=True)
@@ -140,7 +142,7 @@ class ToolFollower:
         accelerations[-1] = 0.0
         names = self._kinematics.joint_names
         trajectory = JointTrajectory(names, times, positions, velocities, accelerations)
-        violation = fine_violation(self._limits, trajectory, start)
+        violation = fine_violation(self._limits, trajectory, start, -_RESERVE)
         if violation is not None:
             travel = float(reference.travel(now + violation.time).position[0])
             kind, _ = self._why(positions[int(np.searchsorted(times, violation.time))])
@@ -188,7 +190,7 @@ class ToolFollower:
         duration = reference.along_end - now
         times = sample_times(duration, max(STEP, duration / _MOST_SAMPLES))
         trajectory = path.timed(self._kinematics.joint_names, reference, times, now)
-        violation = fine_violation(self._limits, trajectory, start)
+        violation = fine_violation(self._limits, trajectory, start, -_RESERVE)
         if violation is None:
             travel = float(reference.travel(reference.along_end).position[0])
             return Rollout(trajectory, travel, path=path)

@@ -13,7 +13,7 @@ from flowbothd_common.types import Array
 from franka_suction_driver.tool_motion import Reference, ToolLine
 from franka_suction_driver.tool_solver import ToolSolver
 
-_SPACINGS = (0.005, 0.002)
+_SPACING = 0.003
 _STRAIGHT = 4e-4
 _FEWEST = 8
 
@@ -74,19 +74,15 @@ class ToolPath:
 def solve_path(line: ToolLine, start: Array, solver: ToolSolver) -> ToolPath:
     """Follow a line from `start` (J,), in equal steps, as far as the arm reaches.
 
-    Where the joints bend so much that the tip would leave the line between two steps, the steps
-    are made shorter; where that does not help, the path ends.
+    The path ends where the joints bend so much that the tip would leave the line between steps.
     """
-    for spacing in _SPACINGS:
-        path = _stepped(line, start, solver, spacing)
-        straight = path.straight(line, solver)
-        if straight == len(path.nodes):
-            return path
+    path = _stepped(line, start, solver)
+    straight = path.straight(line, solver)
     return ToolPath(path.travel[:straight], path.nodes[:straight])
 
 
-def _stepped(line: ToolLine, start: Array, solver: ToolSolver, spacing: float) -> ToolPath:
-    count = max(_FEWEST, int(np.ceil(line.length / spacing)))
+def _stepped(line: ToolLine, start: Array, solver: ToolSolver) -> ToolPath:
+    count = max(_FEWEST, int(np.ceil(line.length / _SPACING)))
     travel = np.linspace(0.0, line.length, count + 1)
     nodes = [start]
     for way in travel[1:]:

@@ -19,9 +19,9 @@ from franka_suction_driver.limits import JointLimits
 
 SAMPLE = 0.025
 """Time between two points of a trajectory [s]."""
-_INTERPOLATED = (0.88, 0.5)
-"""Parts of the acceleration and jerk limits that joint profiles are made with: the quintics between
-samples of a jerk that jumps overshoot them."""
+_INTERPOLATED = (0.995, 0.88, 0.5)
+"""Parts of the velocity, acceleration and jerk limits that joint profiles are made with: the
+quintics between samples of a jerk that jumps overshoot them."""
 
 
 class TimingError(FlowBotError):
@@ -114,18 +114,18 @@ def joint_move(
 ) -> JointTrajectory:
     """Jerk-limited motion to rest at `goal` (J,); straight in joint space if it starts at rest."""
     at_rest = not (start.velocity.any() or start.acceleration.any())
-    acceleration, jerk = _interpolable(limits)
-    profile = move_to(start, goal, limits.velocity, acceleration, jerk, straight=at_rest)
+    profile = move_to(start, goal, *_interpolable(limits), straight=at_rest)
     return sampled(names, profile)
 
 
 def joint_stop(names: tuple[str, ...], start: JointState, limits: JointLimits) -> JointTrajectory:
     """Fastest stop of all joints within the limits."""
-    return sampled(names, brake(start, *_interpolable(limits)))
+    return sampled(names, brake(start, *_interpolable(limits)[1:]))
 
 
-def _interpolable(limits: JointLimits) -> tuple[Array, Array]:
-    return _INTERPOLATED[0] * limits.acceleration, _INTERPOLATED[1] * limits.jerk
+def _interpolable(limits: JointLimits) -> tuple[Array, Array, Array]:
+    velocity, acceleration, jerk = _INTERPOLATED
+    return velocity * limits.velocity, acceleration * limits.acceleration, jerk * limits.jerk
 
 
 def sampled(names: tuple[str, ...], profile: Profile, step: float = SAMPLE) -> JointTrajectory:

@@ -1,0 +1,141 @@
+"""Tool paths: solved once, straight, timed within every limit, slower where the arm is awkward."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from franka_suction_driver.fine_check import fine_samples, fine_violation
+from franka_suction_driver.inverse_kinematics import follow, solve
+from franka_suction_driver.kinematics import Kinematics
+from franka_suction_driver.limits import JointLimits
+from franka_suction_driver.tool_follower import SlowZones, ToolFollower
+from franka_suction_driver.tool_motion import Bounds, ToolLine
+from franka_suction_driver.tool_path import solve_path
+from franka_suction_driver.tool_solver import ToolSolver
+from franka_suction_driver.trajectory import JointState, joint_move, joint_stop, state_at
+
+FORWARD = np.array([1.0, 0, 0])
+
+
+@pytest.fixture(scope="module")
+def facing(robot: Kinematics, limits: JointLimits) -> np.ndarray:
+    box = limits.box(0.1)
+    seeds = box.sample(np.random.default_rng(0), 256)
+    found = solve(robot, box, seeds, np.array([0.55, -0.1, 0.5]), FORWARD)
+    return found[int(np.argmax(box.margin(found)))]
+
+
+def line_from(robot: Kinematics, q: np.ndarray, direction: np.ndarray, length: float) -> ToolLine:
+    tip = robot.tip(q)
+    return ToolLine(tip.position, direction, length, tip.axis, tip.axis, 0.0)
+
+
+def test_the_quick_solver_goes_where_the_batch_solver_goes(
+    robot: Kinematics, limits: JointLimits, facing: np.ndarray
+) -> None:
+    box = limits.box(0.05)
+    solver = ToolSolver(robot, box, 0.2)
+    tip = robot.tip(facing)
+    goal = tip.position - 0.004 * FORWARD + np.array([0, 0.002, 0])
+    quick = solver.reach(facing, goal, tip.axis)
+    batch = follow(robot, box, facing[None], goal[None], tip.axis[None], iterations=8)
+    assert quick is not None
+    np.testing.assert_allclose(quick, batch.positions[0, 0], atol=1e-6)
+    np.testing.assert_allclose(robot.tip(quick).position, goal, atol=1e-6)
+    np.testing.assert_allclose(solver.tips(quick[None])[0], robot.tip(quick).position, atol=1e-12)
+
+
+def test_a_pose_out_of_reach_is_none_and_never_leaves_the_box(
+    robot: Kinematics, limits: JointLimits, facing: np.ndarray
+) -> None:
+    solver = ToolSolver(robot, limits.box(0.05), 0.2)
+    assert solver.reach(facing, np.array([2.0, 0, 0.5]), FORWARD) is None
+
+
+def test_a_path_keeps_to_its_line_between_the_nodes_too(
+    robot: Kinematics, limits: JointLimits, facing: np.ndarray
+) -> None:
+    solver = ToolSolver(robot, limits.box(0.05), 0.2)
+    follower = ToolFollower(robot, limits, limits.box(0.05), 0.2)
+    line = line_from(robot, facing, -FORWARD, 0.12)
+    path = solve_path(line, facing, solver)
+    assert path.length == pytest.approx(0.12)
+    _, rollout = follower.plan(line, Bounds(0.08), JointState.at_rest(facing))
+    assert rollout.trajectory is not None
+    start = JointState.at_rest(facing)
+    times = np.arange(0.0, float(rollout.trajectory.times[-1]), 0.004)
+    tips = np.array(
+        [robot.tip(state_at(rollout.trajectory, start, t).position).position for t in times]
+    )
+    assert np.abs((tips - line.origin)[:, 1:]).max() < 5e-4
+
+
+def test_a_path_that_cannot_be_followed_ends_with_the_joint_that_ends_it(
+    robot: Kinematics, limits: JointLimits, facing: np.ndarray
+) -> None:
+    follower = ToolFollower(robot, limits, limits.box(0.05), 0.2)
+    line = line_from(robot, facing, FORWARD, 0.5)
+    _, rollout = follower.plan(line, Bounds(0.04), JointState.at_rest(facing))
+    assert rollout.problem in ("joint_limit", "singularity")
+    assert rollout.detail
+    assert 0.05 < rollout.travel < 0.5
+
+
+def test_the_tool_slows_down_near_a_singularity_and_near_joint_limits(
+    robot: Kinematics, limits: JointLimits, facing: np.ndarray
+) -> None:
+    box = limits.box(0.05)
+    line = line_from(robot, facing, -FORWARD, 0.05)
+    start = JointState.at_rest(facing)
+
+    def planned(zones: SlowZones) -> tuple[float, float]:
+        _, rollout = ToolFollower(robot, limits, box, 0.2, zones).plan(line, Bounds(0.04), start)
+        assert rollout.trajectory is not None
+        return rollout.slowing, float(rollout.trajectory.times[-1])
+
+    free = planned(SlowZones(0.0, 0.0))
+    assert free[0] == 1.0
+    room = float(box.margin(facing))
+    near_limit = planned(SlowZones(0.0, 3.0 * room))
+    assert near_limit[0] < 0.5
+    assert near_limit[1] > 1.5 * free[1]
+    near_singularity = planned(SlowZones(10.0, 0.0))
+    assert near_singularity[0] == pytest.approx(0.1, abs=0.05)
+    assert near_singularity[1] > near_limit[1]
+
+
+def test_joint_motions_and_stops_hold_the_limits_between_their_points(
+    robot: Kinematics, limits: JointLimits
+) -> None:
+    """The incident: quintics between the samples of a jerk-limited profile overshot by half."""
+    rng = np.random.default_rng(5)
+    box = limits.box(0.2)
+    for _ in range(20):
+        start, goal = box.sample(rng, 2)
+        rest = JointState.at_rest(start)
+        move = joint_move(robot.joint_names, rest, goal, limits)
+        assert fine_violation(limits, move, rest) is None
+        moment = float(rng.uniform(0.1, 0.9)) * float(move.times[-1])
+        moving = state_at(move, rest, moment)
+        stop = joint_stop(robot.joint_names, moving, limits)
+        assert fine_violation(limits, stop, moving, tolerance=0.02) is None
+
+
+def test_the_fine_check_sees_what_the_points_do_not_show(
+    robot: Kinematics, limits: JointLimits, facing: np.ndarray
+) -> None:
+    rest = JointState.at_rest(facing)
+    move = joint_move(robot.joint_names, rest, facing + 0.1, limits)
+    fine = fine_samples(move, rest)
+    assert len(fine.times) == 5 * len(move.times)
+    np.testing.assert_allclose(fine.positions[4::5], move.positions, atol=1e-12)
+    np.testing.assert_allclose(fine.accelerations[4::5], move.accelerations, atol=1e-6)
+    assert limits.violation(move) is None
+    jumped = fine_violation(limits, move, JointState.at_rest(facing - 0.03))
+    assert jumped is not None
+    assert jumped.time <= move.times[0]
+    bent = replace(move, velocities=move.velocities * 0.2)
+    assert fine_violation(limits, bent, rest) is not None
