@@ -204,7 +204,7 @@ def _flat_normal(
     radius = max(2.5 * params.edge_margin, 4 * _spacing(cloud))
     point = points[index].astype(float)
     fitted = _plane(cloud[np.linalg.norm(cloud - point, axis=1) < radius], point)
-    return fitted[0] if fitted is not None and fitted[1] <= params.flatness else None
+    return fitted[0] if fitted is not None and fitted[1] <= 2 * params.flatness else None
 
 
 def _plane(around: Array, point: Array) -> tuple[Array, float] | None:
