@@ -21,9 +21,10 @@ from PIL import Image
 
 ROOT = Path(__file__).resolve().parent.parent
 IMAGES = ROOT / "docs" / "images"
-VIEW_SIZE, VIEW_WIDTH = "1500x950", 1400
+VIEW_SIZE, VIEW_WIDTH = "1500x950", 1200
 REPORT_SIZE = "1150,1500"
 TIMEOUT = 300
+LARGEST = 490_000
 
 
 def tool(name: str, hint: str) -> str:
@@ -45,24 +46,28 @@ def flowbothd(*words: str) -> None:
 
 
 def shrink(picture: Path, target: Path, width: int) -> None:
-    """Write a picture of a width with few colours: small enough for the repository."""
+    """Write a picture of a width, with fewer colours if it would be too large to keep."""
     image = Image.open(picture).convert("RGB")
     height = round(image.height * width / image.width)
-    image.resize((width, height), Image.Resampling.LANCZOS).quantize(200).save(
-        target, optimize=True
-    )
+    smaller = image.resize((width, height), Image.Resampling.LANCZOS)
+    smaller.save(target, optimize=True)
+    if target.stat().st_size > LARGEST:
+        smaller.quantize(256).save(target, optimize=True)
 
 
-def view(bag: Path, end: str, folder: Path) -> None:
+def view(bag: Path, begin: str, end: str, folder: Path) -> None:
     """Take a picture of Rerun."""
     rerun = tool("rerun", "pip install rerun-sdk")
     screen = tool("xvfb-run", "apt-get install xvfb mesa-vulkan-drivers")
-    flowbothd("view", str(bag), "--to", end, "--save", str(folder / "run.rrd"))
+    span = ("--from", begin, "--to", end)
+    flowbothd("view", str(bag), *span, "--save", str(folder / "run.rrd"))
     shot = folder / "view.png"
     command(
-        *(screen, "-a", "-s", "-screen 0 1600x1000x24", rerun, str(folder / "run.rrd")),
+        # The pointer rests in the middle of the screen; there it must not touch the window.
+        *(screen, "-a", "-s", "-screen 0 4000x3000x24", rerun, str(folder / "run.rrd")),
         *("--screenshot-to", str(shot), "--window-size", VIEW_SIZE),
-        environment={**os.environ, "XDG_RUNTIME_DIR": str(folder)},
+        # Warnings about software rendering would lie over the picture.
+        environment={**os.environ, "XDG_RUNTIME_DIR": str(folder), "RUST_LOG": "error"},
     )
     shrink(shot, IMAGES / "view.png", VIEW_WIDTH)
 
@@ -84,10 +89,11 @@ def main() -> None:
     """Write docs/images/view.png and docs/images/report.png."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("bag", type=Path)
+    parser.add_argument("--from", dest="begin", default="0", help="where the view begins")
     parser.add_argument("--to", default="1e9", help="moment of the view, seconds into the bag")
     arguments = parser.parse_args()
     with tempfile.TemporaryDirectory() as folder:
-        view(arguments.bag, arguments.to, Path(folder))
+        view(arguments.bag, arguments.begin, arguments.to, Path(folder))
         report(arguments.bag, Path(folder))
 
 

@@ -115,6 +115,11 @@ def show_bag(bag: Bag, recording: Any, span: Span | None = None) -> int:
             f"{bag.path} holds nothing to show", got=", ".join(bag.topics) or "no topics"
         )
     count = 0
+    if span is not None and span.begin > 0:
+        # What late joiners were given before: without the description there is no robot to see.
+        latched = [name for name in topics if bag.topics[name].latched]
+        for message in bag.messages(latched, Span(0.0, span.begin)):
+            view.show(message.topic, decoded(bag, message))
     for message in bag.messages(topics, span):
         view.show(message.topic, decoded(bag, message))
         count += 1
