@@ -94,8 +94,9 @@ def limited_step(box: PositionBox, q: Array, jacobian: Array, miss: Array) -> Ar
 def joint_weights(box: PositionBox, q: Array, step: Array) -> Array | None:
     """(..., J) part in the motion of joints near the limit they move to; None if all have room."""
     room = np.where(step > 0, box.upper - q, q - box.lower)
-    near = np.clip(room / SOFT_ZONE, 0.0, 1.0)
-    if (near >= 1.0).all():
+    # np.clip says the same and takes five times as long on seven numbers.
+    near = np.minimum(np.maximum(room / SOFT_ZONE, 0.0), 1.0)
+    if near.min() >= 1.0:
         return None
     return np.asarray(np.sqrt(near * near * (3.0 - 2.0 * near)))
 

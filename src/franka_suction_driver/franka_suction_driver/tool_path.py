@@ -78,6 +78,8 @@ def solve_path(line: ToolLine, start: Array, solver: ToolSolver) -> ToolPath:
     """
     path = _stepped(line, start, solver)
     straight = path.straight(line, solver)
+    if straight == len(path.nodes):
+        return path
     return ToolPath(path.travel[:straight], path.nodes[:straight])
 
 

@@ -65,7 +65,8 @@ class ToolSolver:
                 if float(miss[:3] @ miss[:3]) < (_TOLERANCE / 5) ** 2:
                     break
                 miss, jacobian = miss * _GIVING_WAY, jacobian * _GIVING_WAY[:, None]
-            q = np.clip(q + self._step(q, jacobian, miss), self._box.lower, self._box.upper)
+            q = q + self._step(q, jacobian, miss)
+            q = np.minimum(np.maximum(q, self._box.lower), self._box.upper)
         _, miss = self._look(q, position, axis)
         near = float(miss[:3] @ miss[:3]) < _TOLERANCE**2
         return q if near and hypot(miss[3], miss[4]) < self._slack else None
