@@ -134,4 +134,6 @@ def _live(arguments: argparse.Namespace) -> int:
     from flowbothd_bringup.view import live_node
 
     recording = _recording(arguments.save)
-    return live_node.run(recording)
+    code = live_node.run(recording)
+    recording.flush()
+    return code
