@@ -30,8 +30,7 @@ from flowbothd_common.ros.parameters import declare
 
 _LARGE = ("sensor_msgs/msg/Image", "sensor_msgs/msg/PointCloud2")
 _LARGE_DEPTH, _DEPTH = 60, 2000
-_AT_ONCE = 50
-"""Waiting messages of one topic that are taken before the others have their turn."""
+_AT_ONCE = 50  # Waiting messages of one topic that are taken before the others have their turn.
 _DESCRIPTION = "robot_description"
 _SETTLE = 1.0
 """Seconds without news after which the parameters of a graph count as complete."""
@@ -49,6 +48,7 @@ class RecorderNode(Node):
         self._attach(about.VERSIONS, about.versions_text())
         self._hear: dict[str, Any] = {}
         self._refused: set[str] = set()
+        self._gaps: Counter[str] = Counter()
         self._lost: Counter[str] = Counter()
         self._last_sequence: dict[str, int] = {}
         self._publishers_of: dict[str, int] = {}
@@ -75,14 +75,17 @@ class RecorderNode(Node):
         super().destroy_node()
 
     def _tell_end(self) -> None:
-        count, size = sum(self.recording.counts.values()), self.recording.written / 1e6
-        sys.stderr.write(f"recorded {count} messages, {size:.1f} MB\n")
-        lost = self._all_lost()
-        if lost:
+        size = self.recording.written / 1e6
+        sys.stderr.write(f"recorded {self.recording.counts.total()} messages, {size:.1f} MB\n")
+        if lost := self._all_lost():
             sys.stderr.write(f"lost messages: {lost}\n")
 
     def _all_lost(self) -> dict[str, int]:
-        return dict(self._lost + self.recording.dropped)
+        # Numbers tell of gaps where one publisher counts; with several only the middleware knows.
+        seen = {
+            n: (self._gaps if k == 1 else self._lost)[n] for n, k in self._publishers_of.items()
+        }
+        return {n: k for n in seen if (k := seen[n] + self.recording.dropped[n])}
 
     def _look(self) -> None:
         """Subscribe to what is new, and tell how it goes."""
@@ -93,9 +96,8 @@ class RecorderNode(Node):
                 self._consider(name, kinds[0])
         self._graph.look()
         self._store_parameters()
-        lost = self._all_lost()
         figures = {"MB": f"{self.recording.written / 1e6:.0f}", "topics": len(self._hear)}
-        if lost:
+        if lost := self._all_lost():
             # The counts grow all the time; what is said changes only with the topics.
             figures |= {f"lost {name}": count for name, count in lost.items()}
             names = ", ".join(sorted(lost))
@@ -109,6 +111,7 @@ class RecorderNode(Node):
         if not offers or len(offers) == known:
             return
         self._publishers_of[name] = len(offers)
+        self._last_sequence.pop(name, None)
         profiles = [to_words(offer.qos_profile) for offer in offers]
         unique = [p for i, p in enumerate(profiles) if p not in profiles[:i]]
         topic = Topic(name, kind, tuple(unique), str(offers[0].topic_type_hash))
@@ -143,7 +146,7 @@ class RecorderNode(Node):
                 profile,
                 raw=True,
                 event_callbacks=SubscriptionEventCallbacks(
-                    message_lost=lambda event: self._on_lost(name, event.total_count_change)
+                    message_lost=lambda e: self._lost.update({name: e.total_count_change})
                 ),
             )
         except UnsupportedEventTypeError:
@@ -163,11 +166,8 @@ class RecorderNode(Node):
         """Notice gaps between the numbers that the middleware gives to one publisher's messages."""
         last = self._last_sequence.get(name)
         if sequence and last and sequence > last + 1:
-            self._on_lost(name, sequence - last - 1)
+            self._gaps[name] += sequence - last - 1
         self._last_sequence[name] = sequence or 0
-
-    def _on_lost(self, name: str, count: int) -> None:
-        self._lost[name] += count
 
     def _on_parameters(self, parameters: dict[str, Values]) -> None:
         self._known, self._known_since = parameters, time.monotonic()
