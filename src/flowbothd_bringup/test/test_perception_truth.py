@@ -97,6 +97,6 @@ def test_recorded_clouds_go_through_the_sampling_and_the_network():
     for item in recorded:
         assert item.points.shape == (1200, 3)
         assert np.isfinite(item.points).all()
-        flows = predictor.sample(item.points, item.history, samples=1, steps=3, seed=0)
+        flows = predictor.sample(item.points, item.history, samples=1, seed=0)
         assert np.isfinite(flows).all()
         assert np.linalg.norm(flows[0], axis=1).max() == pytest.approx(1.0, abs=1e-4)

@@ -68,7 +68,10 @@ class FlowNetwork(nn.Module):
         raise NotImplementedError
 
     def denoise(self, context: Context, noisy: Tensor, level: Tensor) -> Tensor:
-        """(B, N, 3) prediction from a (B, N, 3) noisy flow at (B,) levels."""
+        """(B, N, 3) prediction from a (B, N, 3) noisy flow at (B,) levels.
+
+        Networks with a latent take (B * S, latent) vectors, S in a row for each cloud, instead.
+        """
         raise NotImplementedError
 
     def points_of(self, context: Context) -> int:

@@ -13,7 +13,7 @@ class Signs(FlowNetwork):
         return Context(points=points)
 
     def denoise(self, context: Context, noisy: torch.Tensor, level: torch.Tensor) -> torch.Tensor:
-        flow = torch.zeros_like(context["points"])
+        flow = context["points"].new_zeros((len(noisy), *context["points"].shape[1:]))
         flow[..., 0] = noisy[:, :1].sign()
         return flow
 
