@@ -39,14 +39,14 @@ class RunOptions:
         seed: Run seed: mode, sensor noise, cloud sampling, prediction samples.
         mode: Mode of an object with modes; empty = drawn from the seed.
         predictor: oracle, ambiguous or model.
-        model: Name, folder or file of the weights, for predictor model.
+        model: Name, folder or file of the weights, for predictor model; empty = those of sim.yaml.
         start: Whether the policy starts by itself as soon as everything is there.
         overrides: Further parameters, on top of everything else.
     """
 
     seed: int = 0
     mode: str = ""
-    predictor: str = "ambiguous"
+    predictor: str = "model"
     model: str = ""
     start: bool = False
     overrides: Parameters | None = None

@@ -33,13 +33,13 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--predictor",
         choices=("oracle", "ambiguous", "model"),
-        default="ambiguous",
+        default="model",
         help="who predicts the flow (default: %(default)s)",
     )
     parser.add_argument(
         "--model",
-        default="compact-doors",
-        help="weights of the predictor 'model': name, folder or file (default: %(default)s)",
+        default="",
+        help="weights of the predictor 'model': name, folder or file (default: those of sim.yaml)",
     )
     parser.add_argument(
         "--domain", type=int, default=None, help="ROS domain, 0..101 (default: one of its own)"
@@ -52,7 +52,7 @@ def run_options(arguments: argparse.Namespace, *, start: bool) -> RunOptions:
         seed=arguments.seed,
         mode=arguments.mode,
         predictor=arguments.predictor,
-        model=arguments.model if arguments.predictor == "model" else "",
+        model=arguments.model,
         start=start,
     )
 

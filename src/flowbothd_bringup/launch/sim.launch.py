@@ -13,8 +13,11 @@ ARGUMENTS = {
     "object": ("custom_door", "scene, PartNet-Mobility folder or .urdf file"),
     "mode": ("", "how an ambiguous object opens; empty: drawn from the seed"),
     "seed": ("0", "run seed"),
-    "predictor": ("ambiguous", "oracle, ambiguous or model"),
-    "model": ("", "weights of the predictor 'model': name, folder or file"),
+    "predictor": ("model", "oracle, ambiguous or model"),
+    "model": (
+        "",
+        "weights of the predictor 'model': name, folder or file; empty: those of sim.yaml",
+    ),
     "start": ("false", "whether the policy begins by itself"),
     **RECORD,
 }
