@@ -12,9 +12,6 @@ from flowbothd_common.types import Array
 _REST_TOLERANCE = 1.2e-7
 """Largest end velocity that the controller takes for rest [rad/s]."""
 
-_LEAP, _FASTEST = 0.02, 5.0
-"""A trajectory must go on from the commanded state: this play [rad], and this speed [rad/s]."""
-
 
 @dataclass(frozen=True)
 class JointSample:
@@ -83,9 +80,6 @@ class TrajectoryFollower:
         )
         points = [JointSample(*row) for row in rows]
         keep = times > now
-        away = self._leap(times, points, now)
-        if away:
-            return away
         # A first point at the very start replaces the present state, as the controller does it.
         if times[0] == now:
             self._times, self._points = times, points
@@ -121,21 +115,6 @@ class TrajectoryFollower:
         start, end = self._points[after - 1], self._points[after]
         begin = float(self._times[after - 1])
         return _interpolate(start, end, now - begin, float(self._times[after]) - begin, self._order)
-
-    def _leap(self, times: Array, points: list[JointSample], now: float) -> str:
-        """Why the way from the commanded state to the first point ahead cannot be meant.
-
-        A controller that held meanwhile would snap back to a reference that ran on.
-        """
-        ahead = int(np.searchsorted(times, now))
-        away = np.abs(points[ahead].positions - self.sample(now).positions)
-        if (away <= _LEAP + _FASTEST * (times[ahead] - now)).all():
-            return ""
-        worst = int(np.argmax(away))
-        return (
-            f"{self.joint_names[worst]} would leap by {away[worst]:.2f} rad within "
-            f"{times[ahead] - now:.3f} s; plan from where the arm is"
-        )
 
     def _objection(self, trajectory: JointTrajectory, now: float, stamp: float) -> str:
         names, times = trajectory.joint_names, np.asarray(trajectory.times, dtype=float)

