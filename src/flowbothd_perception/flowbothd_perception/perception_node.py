@@ -126,8 +126,10 @@ class PerceptionNode(Node):
         now = time.monotonic()
         self._heard_camera.heard(self._camera_topics[0])
         self._statistics.arrived(now)
-        for _ in self._waiting.add(to_seconds(message.header.stamp), message, now):
-            self._drop("driven out by newer ones while it waited for joint states")
+        for old in self._waiting.add(to_seconds(message.header.stamp), message, now):
+            stamp = to_seconds(old.header.stamp)
+            why = self._joints.at(stamp)[1] if self._joints is not None else "no robot yet"
+            self._drop(f"newer ones came while it waited: {why}")
         self._process_waiting()
 
     def _process_waiting(self) -> None:
