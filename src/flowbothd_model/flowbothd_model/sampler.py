@@ -50,11 +50,6 @@ def sample_flows(
         raise ValueError(f"sampler must be one of {sorted(SAMPLERS)}, got {name!r}")
     generator = torch.Generator().manual_seed(seed)
     count, device = network.points_of(context), context.device
-    repeated = context.repeated(samples)
-    if not config.network.diffusion:
-        level = torch.ones(samples, device=device)
-        flow = network.denoise(repeated, torch.zeros(samples, count, 3, device=device), level)
-        return max_normalised(flow)
     chosen = config.sampling_steps if steps is None else steps
     if config.network.latent:
         if chosen != 1:
@@ -62,6 +57,11 @@ def sample_flows(
         vectors = torch.randn((samples, config.network.latent), generator=generator)
         level = torch.full((samples,), LEVEL, device=device)
         return max_normalised(network.denoise(context, vectors.to(device), level))
+    repeated = context.repeated(samples)
+    if not config.network.diffusion:
+        level = torch.ones(samples, device=device)
+        flow = network.denoise(repeated, torch.zeros(samples, count, 3, device=device), level)
+        return max_normalised(flow)
     diffusion = Diffusion(config.diffusion)
     noise = torch.randn((samples, count, 3), generator=generator).to(device)
 

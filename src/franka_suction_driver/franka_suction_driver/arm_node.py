@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import sys
-import time
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
 
@@ -16,7 +14,6 @@ from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
-from flowbothd_common.errors import FlowBotError
 from flowbothd_common.motion import joint_order
 from flowbothd_common.ros import qos
 from flowbothd_common.ros.conversions import from_trajectory, to_point, to_wrench
@@ -25,6 +22,7 @@ from flowbothd_common.ros.liveness import Silence
 from flowbothd_common.ros.node_main import run_node
 from flowbothd_common.ros.parameters import declare
 from franka_suction_driver.backend_params import ArmNodeParams
+from franka_suction_driver.backends.connection import Connection
 from franka_suction_driver.backends.panda import PandaArm
 from franka_suction_driver.backends.protocol import ArmBackend, ArmState
 from franka_suction_driver.backends.recording import RecordingLibrary, RecordingRobot
@@ -48,12 +46,10 @@ class ArmNode(Node):
         self._backend = self._make_backend()
         self._silence = Silence(self._params.heartbeat_timeout)
         self._holding = True
-        self._trouble = "connecting to the robot"
         self._refused = ""
-        self._connecting: Future[None] | None = None
-        self._connected = False
-        self._retry_at = 0.0
-        self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="arm")
+        self._connection = Connection(
+            self._backend.connect, self._params.reconnect_period, "the robot"
+        )
         if self._params.backend != "topic":
             self._joints = self.create_publisher(JointState, "joint_states", qos.STATE)
             self._wrench = self.create_publisher(WrenchStamped, "external_wrench", qos.STATE)
@@ -70,7 +66,7 @@ class ArmNode(Node):
 
     def destroy_node(self) -> None:
         """Brake and disconnect, whatever ends the node."""
-        self._worker.shutdown(wait=True, cancel_futures=True)
+        self._connection.close()
         self._backend.close()
         self._status.close()
         super().destroy_node()
@@ -92,8 +88,8 @@ class ArmNode(Node):
         return PandaArm(kinematics, limits, address, library=RecordingLibrary(robot))
 
     def _on_timer(self) -> None:
-        if not self._connected and not self._connect():
-            self._status.report(ERROR, self._trouble)
+        if not self._connection.poll():
+            self._status.report(ERROR, self._connection.trouble)
             return
         silent = bool(self._silence.silent([_BEAT]))
         if silent and not self._holding:
@@ -103,24 +99,6 @@ class ArmNode(Node):
         if state is not None:
             self._publish(state)
         self._report(state)
-
-    def _connect(self) -> bool:
-        """Try in the background, again and again; whether the robot is connected."""
-        if self._connecting is None:
-            if time.monotonic() >= self._retry_at:
-                self._connecting = self._worker.submit(self._backend.connect)
-            return False
-        if not self._connecting.done():
-            return False
-        attempt, self._connecting = self._connecting, None
-        try:
-            attempt.result()
-        except FlowBotError as error:
-            self._trouble = str(error)
-            self._retry_at = time.monotonic() + self._params.reconnect_period
-            return False
-        self._connected = True
-        return True
 
     def _publish(self, state: ArmState) -> None:
         if self._params.backend == "topic":
@@ -154,8 +132,10 @@ class ArmNode(Node):
 
     def _on_trajectory(self, message: JointTrajectory) -> None:
         trajectory = from_trajectory(message)
-        if not self._connected or self._holding:
-            self._refused = self._trouble if not self._connected else f"{_BEAT} is silent"
+        if not self._connection.made or self._holding:
+            self._refused = (
+                self._connection.trouble if not self._connection.made else f"{_BEAT} is silent"
+            )
         else:
             try:
                 order = joint_order(self._names, trajectory.joint_names)
@@ -173,13 +153,17 @@ class ArmNode(Node):
             self.get_logger().warning(f"joint_trajectory refused: {self._refused}")
 
     def _on_recover(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.message = self._backend.recover() if self._connected else self._trouble
+        response.message = (
+            self._backend.recover() if self._connection.made else self._connection.trouble
+        )
         response.success = not response.message
         self._refused = ""
         return response
 
     def _on_tare(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        response.message = self._backend.tare() if self._connected else self._trouble
+        response.message = (
+            self._backend.tare() if self._connection.made else self._connection.trouble
+        )
         response.success = not response.message
         return response
 

@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import sys
-import time
-from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import replace
 from typing import Any
 
 from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
-from flowbothd_common.errors import FlowBotError, SuctionError
+from flowbothd_common.errors import SuctionError
 from flowbothd_common.ros import qos
 from flowbothd_common.ros.diagnostics import ERROR, OK, NodeStatus
 from flowbothd_common.ros.node_main import run_node
@@ -19,6 +17,7 @@ from flowbothd_common.ros.parameters import declare
 from flowbothd_interfaces.msg import SuctionCommand, SuctionMeasurement
 from franka_suction_driver.backend_params import PumpNodeParams
 from franka_suction_driver.backends.cobot_pump import CobotPump
+from franka_suction_driver.backends.connection import Connection
 from franka_suction_driver.backends.protocol import PumpBackend
 from franka_suction_driver.backends.recording import RecordingLibrary
 
@@ -32,12 +31,8 @@ class PumpNode(Node):
         super().__init__("pump_node", **kwargs)
         params = declare(self, PumpNodeParams)
         self._pump: PumpBackend = _backend(params)
-        self._connecting: Future[None] | None = None
-        self._connected = False
-        self._trouble = "connecting to the pump"
         self._refused = ""
-        self._retry_at = 0.0
-        self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="pump_connect")
+        self._connection = Connection(self._pump.connect, _RETRY, "the pump")
         self._measurement = self.create_publisher(
             SuctionMeasurement, "suction/measurement", qos.STATE
         )
@@ -48,13 +43,13 @@ class PumpNode(Node):
 
     def destroy_node(self) -> None:
         """Release and switch off, whatever ends the node."""
-        self._worker.shutdown(wait=True, cancel_futures=True)
+        self._connection.close()
         self._pump.close()
         self._status.close()
         super().destroy_node()
 
     def _on_command(self, message: SuctionCommand) -> None:
-        if not self._connected:
+        if not self._connection.made:
             return
         try:
             self._pump.command(message.vacuum)
@@ -64,8 +59,8 @@ class PumpNode(Node):
             self._refused = str(error)
 
     def _on_timer(self) -> None:
-        if not self._connected and not self._connect():
-            self._status.report(ERROR, self._trouble)
+        if not self._connection.poll():
+            self._status.report(ERROR, self._connection.trouble)
             return
         reading = self._pump.reading()
         if reading is None:
@@ -83,23 +78,6 @@ class PumpNode(Node):
         message.header.stamp = self.get_clock().now().to_msg()
         self._measurement.publish(message)
         self._status.report(ERROR if fault else OK, fault or "pump connected")
-
-    def _connect(self) -> bool:
-        """Try in the background, again and again; whether the pump is connected."""
-        if self._connecting is None:
-            if time.monotonic() >= self._retry_at:
-                self._connecting = self._worker.submit(self._pump.connect)
-            return False
-        if not self._connecting.done():
-            return False
-        attempt, self._connecting = self._connecting, None
-        try:
-            attempt.result()
-        except FlowBotError as error:
-            self._trouble, self._retry_at = str(error), time.monotonic() + _RETRY
-            return False
-        self._connected = True
-        return True
 
 
 def _backend(params: PumpNodeParams) -> PumpBackend:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
@@ -119,3 +121,63 @@ def make_arm(robot: Kinematics) -> Callable[..., FakeArm]:
         return FakeArm(robot, np.array(q))
 
     return make
+
+
+@pytest.fixture
+def ros(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest):
+    """A context and an executor in the module's DOMAIN; all is spun from the test's thread."""
+    import rclpy
+    from rclpy.context import Context
+    from rclpy.executors import SingleThreadedExecutor
+    from rclpy.parameter import Parameter
+
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    context = Context()
+    rclpy.init(context=context, domain_id=request.module.DOMAIN)
+    executor = SingleThreadedExecutor(context=context)
+
+    class Ros:
+        def __init__(self) -> None:
+            self.nodes: list[Any] = []
+
+        def add(self, cls: Any, *args: Any, **overrides: Any) -> Any:
+            parameters = [Parameter(k.replace("__", "."), value=v) for k, v in overrides.items()]
+            node = cls(*args, context=context, parameter_overrides=parameters)
+            executor.add_node(node)
+            self.nodes.append(node)
+            return node
+
+        def remove(self, node: Any) -> None:
+            self.nodes.remove(node)
+            executor.remove_node(node)
+            node.destroy_node()
+
+        def until(self, condition: Callable[[], bool], what: str, seconds: float = 30.0) -> None:
+            deadline = time.monotonic() + seconds
+            while not condition():
+                assert time.monotonic() < deadline, f"{what} did not come in {seconds} s"
+                executor.spin_once(timeout_sec=0.005)
+
+        def ask(self, client: Any, request: Any) -> Any:
+            self.until(client.service_is_ready, "the service")
+            answer = client.call_async(request)
+            self.until(answer.done, "the answer")
+            return answer.result()
+
+        def send(self, client: Any, goal: Any) -> Any:
+            """Send an action goal and return the future of its result."""
+            self.until(client.server_is_ready, "the action server")
+            sent = client.send_goal_async(goal)
+            self.until(sent.done, "the goal's acceptance")
+            return sent.result(), sent.result().get_result_async()
+
+        def result(self, future: Any, seconds: float = 60.0) -> Any:
+            self.until(future.done, "the result", seconds)
+            return future.result().result.result
+
+    harness = Ros()
+    yield harness
+    for node in list(harness.nodes):
+        harness.remove(node)
+    executor.shutdown()
+    rclpy.shutdown(context=context)

@@ -15,55 +15,6 @@ pytestmark = pytest.mark.ros
 DOMAIN = 74
 
 
-@pytest.fixture
-def ros(monkeypatch: pytest.MonkeyPatch):
-    """A context and an executor of its own; everything is spun from the test's thread."""
-    import rclpy
-    from rclpy.context import Context
-    from rclpy.executors import SingleThreadedExecutor
-    from rclpy.parameter import Parameter
-
-    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
-    context = Context()
-    rclpy.init(context=context, domain_id=DOMAIN)
-    executor = SingleThreadedExecutor(context=context)
-
-    class Ros:
-        def __init__(self) -> None:
-            self.nodes: list[Any] = []
-
-        def add(self, cls: Any, *args: Any, **overrides: Any) -> Any:
-            parameters = [Parameter(k.replace("__", "."), value=v) for k, v in overrides.items()]
-            node = cls(*args, context=context, parameter_overrides=parameters)
-            executor.add_node(node)
-            self.nodes.append(node)
-            return node
-
-        def remove(self, node: Any) -> None:
-            self.nodes.remove(node)
-            executor.remove_node(node)
-            node.destroy_node()
-
-        def until(self, condition: Callable[[], bool], what: str, seconds: float = 30.0) -> None:
-            deadline = time.monotonic() + seconds
-            while not condition():
-                assert time.monotonic() < deadline, f"{what} did not come in {seconds} s"
-                executor.spin_once(timeout_sec=0.005)
-
-        def ask(self, client: Any, request: Any) -> Any:
-            self.until(client.service_is_ready, "the service")
-            answer = client.call_async(request)
-            self.until(answer.done, "the answer")
-            return answer.result()
-
-    harness = Ros()
-    yield harness
-    for node in list(harness.nodes):
-        harness.remove(node)
-    executor.shutdown()
-    rclpy.shutdown(context=context)
-
-
 def make_user() -> Any:
     """Whoever beats, commands and listens beside the hardware nodes."""
     from geometry_msgs.msg import WrenchStamped
@@ -330,7 +281,7 @@ def test_the_pump_holds_loses_and_is_released_when_the_node_goes(ros: Any) -> No
         return lambda: suction._machine.status(time.monotonic()).phase.value == name
 
     ros.until(phase_is("off"), "the first measurement")
-    ros.until(lambda: pump._connected, "the pump")
+    ros.until(lambda: pump._connection.made, "the pump")
     assert ros.ask(client, SetSuction.Request(vacuum=60000.0)).success
     ros.until(phase_is("building"), "building")
     robot.pump.sealed = True
