@@ -41,6 +41,9 @@ class Comparison:
         compared: Outputs that were compared.
         equal: Those of them that were the same to the last bit.
         differences: The first ones, by stamp.
+        left_out: Outputs that could not come out again, since their inputs were made before the
+            recorder listened.
+        remark: On what was left out.
         problems: Why something could not be compared.
     """
 
@@ -48,6 +51,8 @@ class Comparison:
     compared: int = 0
     equal: int = 0
     differences: list[Difference] = field(default_factory=list)
+    left_out: int = 0
+    remark: str = ""
     problems: list[str] = field(default_factory=list)
 
     @property
@@ -83,7 +88,8 @@ class Comparison:
         left = self.compared - self.equal
         if left > 5:
             lines.append(f"  ... {left} outputs differ in all")
-        return "\n".join([*lines, *(f"  {problem}" for problem in self.problems)])
+        notes = [self.remark] if self.remark else []
+        return "\n".join([*lines, *(f"  {note}" for note in [*notes, *self.problems])])
 
 
 def compare_fields(

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,7 +15,7 @@ from rclpy.parameter import Parameter
 from flowbothd_bringup.bags.metadata import BagError
 from flowbothd_bringup.bags.reader import Bag, Span
 from flowbothd_bringup.environment import own_domain
-from flowbothd_bringup.replay.story import Stamp, Story, decoded, key
+from flowbothd_bringup.replay.story import Stamp, Story, decoded, key, seconds
 from flowbothd_common.ros import clouds
 from flowbothd_common.types import Cloud
 from flowbothd_perception.perception_node import PerceptionNode
@@ -59,8 +61,22 @@ class _ReplayedPerception(PerceptionNode):
         return _Captured(self.outputs.setdefault(topic, []))
 
 
-def perceive_again(bag: Bag, story: Story, span: Span | None = None) -> dict[Stamp, Cloud]:
-    """Points of the object cloud of every frame whose cloud was recorded, by stamp.
+@dataclass(frozen=True)
+class Perceived:
+    """What the node put out again.
+
+    Attributes:
+        clouds: (N, 3) object clouds by stamp of the frame.
+        begin: Stamp from which on all that the node listens to was being recorded [s]. Earlier
+            frames came out in the recorded run if its node heard what the recorder did not.
+    """
+
+    clouds: dict[Stamp, Cloud]
+    begin: float
+
+
+def perceive_again(bag: Bag, story: Story, span: Span | None = None) -> Perceived:
+    """Object cloud of every frame whose cloud was recorded.
 
     Messages are given to the node in the order of their stamps, so that neither the load of the
     machine nor the order of arrival decides anything. One thing the recording does not say: which
@@ -73,7 +89,10 @@ def perceive_again(bag: Bag, story: Story, span: Span | None = None) -> dict[Sta
     """
     if NODE not in story.parameters:
         raise BagError(f"the recording has no parameters of {NODE}")
-    result = dict(_pass(bag, story, frozenset(story.clouds), 0.0, span))
+    with _fresh_node(story) as node:
+        inputs = _inputs(node, bag)
+        begin = _begin(bag, inputs, span)
+        result = dict(_feed(node, bag, inputs, frozenset(story.clouds), 0.0, span))
     period = joint_period(bag, span)
     for lead in range(1, _LEADS + 1):
         other = frozenset(
@@ -83,10 +102,12 @@ def perceive_again(bag: Bag, story: Story, span: Span | None = None) -> dict[Sta
         )
         if not other:
             break
-        for stamp, points in _pass(bag, story, other, (lead - 0.5) * period, span):
-            if np.array_equal(points, story.clouds[stamp]):
-                result[stamp] = points
-    return result
+        with _fresh_node(story) as node:
+            inputs = _inputs(node, bag)
+            for stamp, points in _feed(node, bag, inputs, other, (lead - 0.5) * period, span):
+                if np.array_equal(points, story.clouds[stamp]):
+                    result[stamp] = points
+    return Perceived(result, begin)
 
 
 def joint_period(bag: Bag, span: Span | None = None) -> float:
@@ -94,22 +115,21 @@ def joint_period(bag: Bag, span: Span | None = None) -> float:
     topics = [name for name in bag.topics if name.endswith("/joint_states")]
     stamps = []
     for message in bag.messages(topics, span):
-        stamps.append(_seconds(key(decoded(bag, message).header.stamp)))
+        stamps.append(seconds(key(decoded(bag, message).header.stamp)))
         if len(stamps) > 500:
             break
     return float(np.median(np.diff(stamps))) if len(stamps) > 1 else 0.0
 
 
-def _pass(
-    bag: Bag, story: Story, stamps: frozenset[Stamp], lead: float, span: Span | None
-) -> Iterator[tuple[Stamp, Cloud]]:
-    """Stamp and points for frames with the given stamps, each `lead` seconds ahead of its time."""
+@contextmanager
+def _fresh_node(story: Story) -> Iterator[_ReplayedPerception]:
+    """The node as it was set up then, having heard nothing yet."""
     context = Context()
     rclpy.init(context=context, domain_id=own_domain(), args=[])
     node: _ReplayedPerception | None = None
     try:
         node = _ReplayedPerception(context=context, parameter_overrides=_overrides(story))
-        yield from _feed(node, bag, stamps, lead, span)
+        yield node
     finally:
         if node is not None:
             node.destroy_node()
@@ -126,9 +146,8 @@ def _overrides(story: Story) -> list[Parameter]:
     ]
 
 
-def _feed(
-    node: _ReplayedPerception, bag: Bag, stamps: frozenset[Stamp], lead: float, span: Span | None
-) -> Iterator[tuple[Stamp, Cloud]]:
+def _inputs(node: _ReplayedPerception, bag: Bag) -> Mapping[str, Callable[[Any], None]]:
+    """What the node does with a message, for every topic that it listens to."""
     callbacks = {s.topic_name: s.callback for s in node.subscriptions}
     present = {name: callback for name, callback in callbacks.items() if name in bag.topics}
     missing = sorted(set(callbacks) - set(present) - {"/parameter_events", "/heartbeat", "/clock"})
@@ -138,9 +157,33 @@ def _feed(
             got=", ".join(missing),
             hint="a node that takes camera clouds needs a recording with --profile all",
         )
+    return present
+
+
+def _begin(bag: Bag, topics: Collection[str], span: Span | None) -> float:
+    """Stamp of the first message of the topic with stamps that was last to be recorded [s]."""
+    firsts = [0.0]
+    for topic in topics:
+        for entry in bag.messages([topic], span):
+            message = decoded(bag, entry)
+            if hasattr(message, "header"):
+                firsts.append(seconds(key(message.header.stamp)))
+            break
+    return max(firsts)
+
+
+def _feed(
+    node: _ReplayedPerception,
+    bag: Bag,
+    inputs: Mapping[str, Callable[[Any], None]],
+    stamps: frozenset[Stamp],
+    lead: float,
+    span: Span | None,
+) -> Iterator[tuple[Stamp, Cloud]]:
+    """Stamp and points for frames with the given stamps, each `lead` seconds ahead of its time."""
     sink = node.outputs["object_cloud"]
-    for topic, message in _by_stamp(bag, present, stamps, lead, span):
-        present[topic](message)
+    for topic, message in _by_stamp(bag, inputs, stamps, lead, span):
+        inputs[topic](message)
         for cloud in sink:
             points = clouds.from_cloud_message(cloud, clouds.XYZ).reshape(-1, 3)
             yield key(cloud.header.stamp), np.ascontiguousarray(points)
@@ -161,7 +204,7 @@ def _by_stamp(
         message = decoded(bag, entry)
         kind = type(message).__name__
         stamp = key(message.header.stamp) if hasattr(message, "header") else (0, 0)
-        at = _seconds(stamp)
+        at = seconds(stamp)
         if kind in _FRAMES:
             if stamp not in stamps:
                 continue
@@ -175,7 +218,3 @@ def _by_stamp(
             yield from ((topic, m) for *_, topic, m in ready)
     held.sort(key=lambda h: h[:3])
     yield from ((topic, m) for *_, topic, m in held)
-
-
-def _seconds(stamp: Stamp) -> float:
-    return stamp[0] + 1e-9 * stamp[1]

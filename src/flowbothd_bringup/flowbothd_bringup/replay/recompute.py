@@ -11,13 +11,13 @@ from flowbothd_bringup.bags.metadata import BagError
 from flowbothd_bringup.bags.reader import Bag, Span
 from flowbothd_bringup.replay.differences import Comparison, Difference, compare_arrays
 from flowbothd_bringup.replay.inference_run import Inference
-from flowbothd_bringup.replay.perception_run import perceive_again
+from flowbothd_bringup.replay.perception_run import Perceived, perceive_again
 from flowbothd_bringup.replay.policy_run import (
     Sample,
     compare_decisions,
     decide_again,
 )
-from flowbothd_bringup.replay.story import Stamp, Story, read_story
+from flowbothd_bringup.replay.story import Stamp, Story, read_story, seconds
 from flowbothd_common.types import Cloud
 from flowbothd_policy.commands import Decision, Predict
 
@@ -84,16 +84,16 @@ class _Sources:
         points, flows = self._story.prediction_arrays(stamp, seed)
         if self._inference is None:
             return points, flows
-        seconds = stamp[0] + 1e-9 * stamp[1]
+        at = seconds(stamp)
         what = f"flow/prediction with seed {seed}"
         if asked is None or asked.seed != seed:
             # The policy has taken another way; what it was told then is all there is.
             other = "nothing" if asked is None else f"seed {asked.seed}"
-            found = Difference(seconds, what, "request", f"seed {seed}", other)
+            found = Difference(at, what, "request", f"seed {seed}", other)
             self.compared.add([found])
             return points, flows
         again = self._inference.answer(asked, stamp)
-        self.compared.add(compare_arrays(seconds, what, flows, again))
+        self.compared.add(compare_arrays(at, what, flows, again))
         return asked.points, again
 
 
@@ -118,8 +118,9 @@ def recompute(bag: Bag, nodes: Collection[str], span: Span | None = None) -> Rec
     result = Recomputed(problems=list(bag.problems))
     new_clouds: dict[Stamp, Cloud] = {}
     if "perception" in nodes:
-        new_clouds = perceive_again(bag, story, span)
-        result.comparisons.append(_compare_clouds(story, new_clouds))
+        perceived = perceive_again(bag, story, span)
+        new_clouds = perceived.clouds
+        result.comparisons.append(_compare_clouds(story, perceived))
     if set(nodes) == {"perception"}:
         return result
     inference = Inference(story) if "inference" in nodes else None
@@ -133,14 +134,21 @@ def recompute(bag: Bag, nodes: Collection[str], span: Span | None = None) -> Rec
     return result
 
 
-def _compare_clouds(story: Story, again: dict[Stamp, Cloud]) -> Comparison:
+def _compare_clouds(story: Story, again: Perceived) -> Comparison:
     result = Comparison("perception")
     for stamp, recorded in story.clouds.items():
-        seconds = stamp[0] + 1e-9 * stamp[1]
-        if stamp in again:
-            result.add(compare_arrays(seconds, "object_cloud", recorded, again[stamp]))
+        at = seconds(stamp)
+        if stamp in again.clouds:
+            result.add(compare_arrays(at, "object_cloud", recorded, again.clouds[stamp]))
+        elif at >= again.begin:
+            result.add([Difference(at, "object_cloud", "cloud", "there", "none came out")])
         else:
-            result.add([Difference(seconds, "object_cloud", "cloud", "there", "none came out")])
+            result.left_out += 1
+    if result.left_out:
+        result.remark = (
+            f"{result.left_out} outputs before {again.begin:.9f} s are left out: "
+            "not all that the node listens to was being recorded yet"
+        )
     if not story.clouds:
         result.problems.append("the recording holds no object_cloud")
     return result

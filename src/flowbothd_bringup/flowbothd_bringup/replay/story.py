@@ -34,6 +34,11 @@ def key(stamp: Time) -> Stamp:
     return stamp.sec, stamp.nanosec
 
 
+def seconds(stamp: Stamp) -> float:
+    """The stamp as one number [s]."""
+    return stamp[0] + 1e-9 * stamp[1]
+
+
 def topic_called(bag: Bag, name: str) -> str | None:
     """The topic of a recording that ends in a relative name; None if there is none.
 
