@@ -36,7 +36,7 @@ def folder(tmp_path_factory):
     return path
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_tool_gives_the_pose_and_the_check_believes_it(folder, tmp_path, capsys):
     """The guess of a tape measure is 9 cm and a few degrees off."""
     out = tmp_path / "camera.yaml"

@@ -15,6 +15,8 @@ from flowbothd_common.types import Array, Cloud
 
 _CELLS = 28
 """Cells of the lookup grid along the longest side of a hull."""
+_AT_ONCE = 512
+"""Points held against all faces at once: as many as stay in the cache."""
 _INSIDE, _OUTSIDE, _EITHER = np.uint8(1), np.uint8(0), np.uint8(2)
 
 
@@ -62,10 +64,13 @@ class Hull:
 
         That is the distance to the surface inside and beside a face, and less beyond an edge.
         """
-        parts = np.array_split(points, len(points) // 4096 + 1)
-        planes = self.planes
-        values = [(p @ planes[:, :3].T + planes[:, 3]).max(axis=1) for p in parts if len(p)]
-        return np.concatenate(values) if values else np.empty(0, np.float32)
+        result = np.empty(len(points), np.float32)
+        normals, offsets = self.planes[:, :3], self.planes[:, 3:]
+        for begin in range(0, len(points), _AT_ONCE):
+            values = normals @ points[begin : begin + _AT_ONCE].T
+            values += offsets
+            np.max(values, axis=0, out=result[begin : begin + _AT_ONCE])
+        return result
 
     def hides(self, eye: Array, points: Cloud) -> NDArray[np.bool_]:
         """(N,) whether the solid cuts the line from `eye` to each point; both in its frame."""

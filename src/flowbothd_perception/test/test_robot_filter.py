@@ -199,3 +199,15 @@ def test_the_lookup_grid_answers_as_the_faces_do(seed):
     exact = (points @ hull.planes[:, :3].T + hull.planes[:, 3] <= 0).all(axis=1)
     np.testing.assert_array_equal(hull.contains(points), exact)
     assert 100 < exact.sum() < 15000
+
+
+@pytest.mark.parametrize("count", [0, 1, 511, 512, 513, 2000])
+def test_many_points_have_the_distances_that_each_has_alone(count):
+    rng = np.random.default_rng(count)
+    hull = Hull(rng.normal(size=(40, 3)) * (0.1, 0.05, 0.2), 0.01)
+    points = rng.normal(scale=0.15, size=(count, 3)).astype(np.float32)
+    exact = (points[:, None] * hull.planes[:, :3]).sum(axis=2) + hull.planes[:, 3]
+    found = hull.distance(points)
+    assert found.shape == (count,)
+    np.testing.assert_allclose(found, exact.max(axis=1), atol=1e-6)
+    np.testing.assert_array_equal(found[exact.max(axis=1) > 1e-6] > 0, True)
