@@ -118,6 +118,26 @@ COMMANDS = (
         ("flowbothd trials --suite door --seeds 5", "flowbothd trials --suite furniture"),
     ),
     Command(
+        "eval",
+        "flowbothd_bringup.evaluation.eval_command",
+        "the paper's experiment: objects, links and trials by the floating gripper; resumable",
+        (
+            "flowbothd eval --objects PARTNET/test --method flowbothd oracle",
+            "flowbothd eval --objects procedural:test --method flowbothd --switches all",
+            "flowbothd eval --suite small --objects PARTNET/train PARTNET/raw/8994"
+            " --out out/eval/small.jsonl",
+        ),
+    ),
+    Command(
+        "tables",
+        "flowbothd_bringup.evaluation.tables_command",
+        "the paper's tables and figures of evaluation records, as one report",
+        (
+            "flowbothd tables out/eval/small.jsonl",
+            "flowbothd tables out/eval/*.jsonl --out out/report --objects PARTNET/train",
+        ),
+    ),
+    Command(
         "train",
         "flowbothd_model.train",
         "train a network; resumable",

@@ -3,22 +3,16 @@
 from __future__ import annotations
 
 import argparse
-import json
-import multiprocessing
-import os
 import sys
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass, replace
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
-from tqdm import tqdm
-
 from flowbothd_bringup.record import as_plain
+from flowbothd_bringup.resumable import run_resumable
 from flowbothd_common.errors import FlowBotError, ObjectModelError, ParameterError
-from flowbothd_common.guardian import GUARDIAN, watch_guardian
 from flowbothd_common.types import Outcome
 from flowbothd_policy.predictor import FlowPredictor
 
@@ -146,53 +140,10 @@ def _key(entry: dict[str, Any]) -> tuple[Any, ...]:
     return tuple(entry[name] for name in names)
 
 
-def _present(path: Path) -> list[dict[str, Any]]:
-    """Records of an interrupted run; a half-written last line does not count."""
-    records = []
-    for line in path.read_text().splitlines() if path.exists() else []:
-        try:
-            records.append(json.loads(line))
-        except json.JSONDecodeError:
-            continue
-    return records
-
-
-def _follow(pid: int) -> None:
-    """Make a worker end with the command line, which may be killed in the middle of a trial."""
-    os.environ[GUARDIAN] = str(pid)
-    watch_guardian()
-
-
 def run_trials(trials: Sequence[Trial], out: Path, jobs: int) -> list[dict[str, Any]]:
-    """Run the trials that `out` does not hold yet, append their records, and return all of them.
-
-    A record does not depend on `jobs`: every trial has a world of its own.
-    """
+    """Run the trials that `out` does not hold yet, append their records, and return all of them."""
     wanted = {_key(_identity(trial)): trial for trial in trials}
-    records = [entry for entry in _present(out) if _key(entry) in wanted]
-    done = {_key(entry) for entry in records}
-    missing = [trial for key, trial in wanted.items() if key not in done]
-    out.parent.mkdir(parents=True, exist_ok=True)
-    out.write_text("".join(json.dumps(entry) + "\n" for entry in records))
-    pool = ProcessPoolExecutor(
-        jobs,
-        mp_context=multiprocessing.get_context("spawn"),
-        initializer=_follow,
-        initargs=(os.getpid(),),
-    )
-    with (
-        out.open("a") as file,
-        pool,
-        tqdm(total=len(wanted), initial=len(records), unit="trial") as bar,
-    ):
-        futures = [pool.submit(run_trial, trial) for trial in missing]
-        for future in as_completed(futures):
-            entry = as_plain(future.result())
-            file.write(json.dumps(entry) + "\n")
-            file.flush()
-            records.append(entry)
-            bar.update()
-    return sorted(records, key=_key)
+    return sorted(run_resumable(wanted, run_trial, _key, out, jobs), key=_key)
 
 
 def table(records: Sequence[dict[str, Any]]) -> str:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 from numpy.typing import NDArray
 
 from flowbothd_bringup.record import RunRecord, StateSample
 from flowbothd_bringup.rollout.driver import PolicyDriver
-from flowbothd_common.motion import MotionGoal
+from flowbothd_common.motion import MotionGoal, MotionKind
 from flowbothd_common.types import Cloud, History, SuctionPhase
 from flowbothd_policy.events import CloudArrived, Event, MotionFinished, SuctionChanged
 from flowbothd_policy.oracle import OracleParams, OraclePredictor, Truth
@@ -36,10 +38,14 @@ class FloatingPolicyWorld:
 
     Args:
         world: Reset.
+        counting: Joints of which any may be the one that opens; None = the target joint.
     """
 
-    def __init__(self, world: FloatingWorld) -> None:
+    def __init__(self, world: FloatingWorld, counting: Collection[str] | None = None) -> None:
         self._world = world
+        self._counting = (world.model.target_joint,) if counting is None else tuple(counting)
+        self.pulls: list[float] = []
+        """Open ratio after each flow step."""
         self.on_target = np.zeros(0, dtype=bool)
         """(N,) whether a point of the last cloud lies on the target link; not for the policy."""
         # A gripper that moves in no time would hand out clouds with the same stamp.
@@ -67,6 +73,8 @@ class FloatingPolicyWorld:
     def move(self, goal: MotionGoal) -> list[Event]:
         """Do the motion."""
         result = self._world.execute(goal)
+        if goal.kind is MotionKind.FLOW_STEP:
+            self.pulls.append(self.open_ratio)
         return [MotionFinished(result), *self._suction_events()]
 
     def stop(self) -> None:
@@ -79,9 +87,17 @@ class FloatingPolicyWorld:
 
     def state(self) -> StateSample:
         """The world for the record."""
-        return StateSample(
-            self.time, np.empty(0), self._world.object_positions(), self._world.open_ratio
-        )
+        return StateSample(self.time, np.empty(0), self._world.object_positions(), self.open_ratio)
+
+    def furthest(self) -> str:
+        """The joint that counts; of several, the one that is open furthest."""
+        ratios = self._world.open_ratios()
+        return max(self._counting, key=lambda name: ratios[name])
+
+    @property
+    def open_ratio(self) -> float:
+        """Of that joint."""
+        return self._world.open_ratios()[self.furthest()]
 
     def truth(self, points: Cloud, *, target_only: bool) -> Truth:
         """What an oracle may know."""
