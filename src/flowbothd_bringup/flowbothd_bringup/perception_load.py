@@ -20,6 +20,7 @@ from flowbothd_bringup.environment import node_environment, own_domain
 from flowbothd_bringup.graph import write_parameters
 from flowbothd_bringup.perception_scenes import TruthFrame
 from flowbothd_common.errors import FlowBotError
+from flowbothd_common.memory import keep_freed_memory, spare_what_stays
 from flowbothd_common.transforms import quaternion_from_rotation
 from sim_bridge.camera import Intrinsics
 
@@ -82,6 +83,9 @@ def run_load(load: Load, urdf: str, frames: Sequence[TruthFrame]) -> LoadFigures
     import rclpy
     from rclpy.context import Context
 
+    # The part of the camera is played by this process: it must not stop for its own reasons.
+    keep_freed_memory()
+    spare_what_stays()
     domain = own_domain()
     environment = node_environment(domain)
     if load.kind == "cloud":
@@ -106,12 +110,14 @@ def run_load(load: Load, urdf: str, frames: Sequence[TruthFrame]) -> LoadFigures
             env=environment,
         )
         context = Context()
-        with _Environment(environment):
-            rclpy.init(context=context, domain_id=domain)
         try:
-            return _feed(load, urdf, frames, context, psutil.Process(node.pid))
+            # The middleware reads its profile when the first node is made, not before.
+            with _Environment(environment):
+                rclpy.init(context=context, domain_id=domain)
+                bench = _make_bench(load, urdf, frames, context)
+            return _feed(load, bench, context, psutil.Process(node.pid))
         finally:
-            rclpy.shutdown(context=context)
+            rclpy.try_shutdown(context=context)
             node.terminate()
             try:
                 node.wait(timeout=5.0)
@@ -146,16 +152,9 @@ class _Environment:
                 os.environ[name] = value
 
 
-def _feed(
-    load: Load,
-    urdf: str,
-    frames: Sequence[TruthFrame],
-    context: Any,
-    process: psutil.Process,
-) -> LoadFigures:
+def _feed(load: Load, bench: Any, context: Any, process: psutil.Process) -> LoadFigures:
     from rclpy.executors import SingleThreadedExecutor
 
-    bench = _make_bench(load, urdf, frames, context)
     executor = SingleThreadedExecutor(context=context)
     executor.add_node(bench)
     try:

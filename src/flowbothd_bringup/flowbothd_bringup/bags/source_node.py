@@ -25,6 +25,7 @@ from sensor_msgs.msg import CameraInfo, Image, JointState, PointCloud2, PointFie
 from std_msgs.msg import Header
 
 from flowbothd_common.guardian import watch_guardian
+from flowbothd_common.memory import keep_freed_memory, spare_what_stays
 from flowbothd_common.ros import qos
 
 WIDTH, HEIGHT = 640, 576
@@ -137,6 +138,7 @@ def main() -> int:
     parser.add_argument("--clouds", action="store_true")
     arguments = parser.parse_args()
     watch_guardian()
+    keep_freed_memory()
     rclpy.init()
     node = Node("source")
     try:
@@ -144,6 +146,7 @@ def main() -> int:
         if not source.wait_for_listener(60.0):
             sys.stderr.write("nobody listens\n")
             return 2
+        spare_what_stays()
         began = time.monotonic()
         published = source.run(arguments.seconds)
         took = time.monotonic() - began

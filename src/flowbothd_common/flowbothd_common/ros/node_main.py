@@ -17,6 +17,7 @@ from rclpy.node import Node
 
 from flowbothd_common.errors import FlowBotError
 from flowbothd_common.guardian import watch_guardian
+from flowbothd_common.memory import keep_freed_memory, spare_what_stays
 from flowbothd_common.ros.parameters import reject_unknown
 
 RCLError = rclpy_implementation.RCLError
@@ -39,6 +40,7 @@ def run_node(create: Callable[[], Node], args: list[str] | None = None, *, threa
     """
     logging.basicConfig(level=logging.INFO, format="[%(levelname)s] [%(name)s]: %(message)s")
     watch_guardian()
+    keep_freed_memory()
     try:
         rclpy.init(args=args)
     except RCLError as error:
@@ -53,6 +55,7 @@ def run_node(create: Callable[[], Node], args: list[str] | None = None, *, threa
             MultiThreadedExecutor(num_threads=threads) if threads > 1 else SingleThreadedExecutor()
         )
         executor.add_node(node)
+        spare_what_stays()
         executor.spin()
     except (KeyboardInterrupt, ExternalShutdownException):
         pass

@@ -27,10 +27,10 @@ SENSOR = _profile(5, reliable=False)
 IMAGE = _profile(1)
 """Publishing and subscribing images and clouds: newest wins."""
 
-FRAMES = _profile(4)
-"""Subscribing to a camera at full rate: a hiccup of a tenth of a second loses nothing."""
+FRAMES = _profile(8)
+"""A camera at full rate: a hiccup of a quarter of a second loses nothing."""
 
-FRAMES_BEST_EFFORT = _profile(4, reliable=False)
+FRAMES_BEST_EFFORT = _profile(8, reliable=False)
 """The same, for drivers that publish as best effort: they offer nothing to a reliable reader."""
 
 COMMAND = _profile(10)
