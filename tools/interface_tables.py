@@ -1,4 +1,4 @@
-"""Writes the generated tables of docs/interfaces.md and README.md from the nodes themselves.
+"""Writes the generated tables of docs/ and README.md from the nodes and their parameters.
 
 Run by `make docs`; tests/test_interface_docs.py fails when the files differ from what this makes.
 """
@@ -15,6 +15,7 @@ from typing import Any
 
 ROOT = Path(__file__).resolve().parent.parent
 INTERFACES = ROOT / "docs" / "interfaces.md"
+RECORDING = ROOT / "docs" / "recording.md"
 README = ROOT / "README.md"
 
 NODES = (
@@ -199,19 +200,52 @@ def render() -> tuple[str, str]:
     return "\n".join(detailed).rstrip(), "\n".join(table(header, summary))
 
 
-def replaced(path: Path, marker: str, text: str) -> str:
-    """Content of the file with the part between the markers replaced."""
+def replaced(path: Path, marker: str, text: str, content: str | None = None) -> str:
+    """Content of the file (or the one given) with the part between the markers replaced."""
     begin, end = f"<!-- begin {marker} -->", f"<!-- end {marker} -->"
-    content = path.read_text()
+    content = path.read_text() if content is None else content
     if begin not in content or end not in content:
         raise SystemExit(f"{path.name} lacks the markers {begin} and {end}")
     return content.split(begin)[0] + begin + "\n" + text + "\n" + end + content.split(end)[1]
+
+
+def dataclass_table(params: type) -> str:
+    """Table of a parameter dataclass, for nodes that are not part of the robot's graph."""
+    from flowbothd_common.parameters import specifications
+
+    rows = []
+    for spec in specifications(params):
+        default = spec.default
+        shown = ", ".join(map(plain, default)) if isinstance(default, tuple) else plain(default)
+        shown = shown.lower() if isinstance(default, bool) else shown
+        rows.append(
+            [
+                f"`{spec.name}`",
+                spec.type_name,
+                f"`{shown}`" if shown else "",
+                spec.allowed.replace("|", "\\|"),
+                spec.description.replace("|", "\\|"),
+            ]
+        )
+    return "\n".join(table(("parameter", "type", "default", "allowed", "meaning"), rows))
+
+
+def recording_tables() -> str:
+    """Content of docs/recording.md with the tables of recorder and player."""
+    from flowbothd_bringup.bags.recorder_params import RecorderParams
+    from flowbothd_bringup.replay.player_params import PlayerParams
+
+    content = RECORDING.read_text()
+    for marker, params in (("recorder_node", RecorderParams), ("player_node", PlayerParams)):
+        content = replaced(RECORDING, marker, dataclass_table(params), content)
+    return content
 
 
 def documents() -> dict[Path, str]:
     """Path -> content that it should have."""
     detailed, summary = render()
     return {
+        RECORDING: recording_tables(),
         INTERFACES: replaced(INTERFACES, "node tables", detailed),
         README: replaced(README, "node table", summary),
     }
