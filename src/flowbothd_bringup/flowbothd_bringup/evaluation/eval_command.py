@@ -19,7 +19,7 @@ from flowbothd_bringup.evaluation.methods import (
 )
 from flowbothd_bringup.evaluation.suites import SUITES, Row, suite
 from flowbothd_bringup.evaluation.trial import MASKS, NONE, EvalTrial, failed, record_key, run_trial
-from flowbothd_bringup.resumable import Record, run_resumable
+from flowbothd_bringup.resumable import Record, read_records, run_resumable
 from flowbothd_common.errors import ObjectModelError, ParameterError
 from flowbothd_common.types import Outcome
 
@@ -106,8 +106,9 @@ def run(arguments: argparse.Namespace) -> int:
     for name, value in (("--trials", trials), ("--steps", arguments.steps)):
         if value < 1:
             raise ParameterError(name, got=value, allowed=">= 1")
-    weights = _weights(arguments.weights, rows)
     cases = _cases(arguments, chosen.ids if chosen else ())
+    weights = _weights(arguments.weights, rows)
+    read_records(arguments.out)
     work = {
         trial.key(): trial
         for row in rows

@@ -28,7 +28,7 @@ from flowbothd_bringup.rollout.floating import SUCCESS, FloatingPolicyWorld, Tar
 from flowbothd_bringup.signals import step_signals
 from flowbothd_common.errors import FlowBotError, InvalidCloudError
 from flowbothd_common.types import Cloud, History, Outcome
-from flowbothd_policy.oracle import OracleParams, OraclePredictor
+from flowbothd_policy.oracle import OracleParams, OraclePredictor, Truth
 from flowbothd_policy.predictor import FlowPredictor
 from sim_bridge.floating import FloatingWorld
 from sim_bridge.objects.model import ObjectModel
@@ -210,9 +210,10 @@ def _predictor(trial: EvalTrial, chosen: Method, adapter: FloatingPolicyWorld) -
 
 
 class _TimedWorld(FloatingPolicyWorld):
-    """Knows how long the world took."""
+    """Knows how long the world took, and the truth of one cloud once."""
 
     seconds = 0.0
+    _known: tuple[Cloud, Truth] | None = None
 
     def observe(self) -> Any:
         """See FloatingPolicyWorld."""
@@ -221,6 +222,12 @@ class _TimedWorld(FloatingPolicyWorld):
     def move(self, goal: Any) -> Any:
         """See FloatingPolicyWorld."""
         return self._timed(lambda: super(_TimedWorld, self).move(goal))
+
+    def truth(self, points: Cloud, *, target_only: bool) -> Truth:
+        """See FloatingPolicyWorld; nothing moves between two questions about the same cloud."""
+        if self._known is None or self._known[0] is not points:
+            self._known = (points, super().truth(points, target_only=target_only))
+        return self._known[1]
 
     def _timed(self, call: Callable[[], Any]) -> Any:
         begun = time.perf_counter()
@@ -246,7 +253,6 @@ class _Judge:
         self.model_id = predictor.model_id
         self.seconds = 0.0
         self.truths: list[NDArray[np.float32]] = []
-        self._last: tuple[Cloud, NDArray[np.float32]] | None = None
 
     def sample(
         self,
@@ -258,10 +264,7 @@ class _Judge:
         seed: int | None = None,
     ) -> NDArray[np.float32]:
         """See `FlowPredictor.sample`."""
-        if self._last is None or self._last[0] is not points:
-            truth = self._world.truth(points, target_only=self._target_only).flows[0]
-            self._last = (points, truth)
-        self.truths.append(self._last[1])
+        self.truths.append(self._world.truth(points, target_only=self._target_only).flows[0])
         begun = time.perf_counter()
         flows = self._predictor.sample(points, history, samples, steps, sampler, seed)
         self.seconds += time.perf_counter() - begun

@@ -1,0 +1,102 @@
+"""`flowbothd tables`: records into the paper's tables and figures, as one report."""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from flowbothd_bringup.evaluation.methods import METHODS
+from flowbothd_bringup.evaluation.report_page import Picture, page
+from flowbothd_bringup.evaluation.tables import RowNumbers, rows_of
+from flowbothd_bringup.evaluation.tables_text import category_table, latex, markdown
+from flowbothd_bringup.evaluation.trial import TRUTH
+from flowbothd_bringup.resumable import Record, read_records
+from flowbothd_common.errors import ParameterError
+
+_CAPTIONS = {
+    "success": "Success rate, averaged over categories and over samples, with 95 % intervals, and "
+    "by category with the number of trials. In italics the paper's numbers.",
+    "distance": "Normalised distance to fully open, likewise; lower is better.",
+}
+
+
+def add_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments of `flowbothd tables`."""
+    parser.add_argument("results", type=Path, nargs="+", help="files that `flowbothd eval` wrote")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=Path("out/report"),
+        help="folder of the report: README.md, tables.tex, pictures (default: %(default)s)",
+    )
+    parser.add_argument(
+        "--objects",
+        type=Path,
+        metavar="PARTNET",
+        help="PartNet-Mobility folders for the analyses of the networks; without, those on "
+        "procedural objects alone",
+    )
+    parser.add_argument(
+        "--no-analyses",
+        action="store_true",
+        help="only what comes from the records; analyses run the networks and take minutes",
+    )
+    parser.add_argument("--title", default="The paper's experiments", help="of the report")
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Write the report and print its main tables."""
+    records = load(arguments.results)
+    rows = rows_of(records)
+    out = arguments.out
+    out.mkdir(parents=True, exist_ok=True)
+    from flowbothd_bringup.evaluation.figures import draw_all
+
+    pictures = [Picture(title, path) for title, path in draw_all(records, out)]
+    analyses = {} if arguments.no_analyses else _analyses(records, arguments.objects, out)
+    text = page(arguments.title, rows, pictures, analyses, arguments.results, out)
+    (out / "README.md").write_text(text)
+    (out / "tables.tex").write_text(_latex(rows))
+    for mask in dict.fromkeys(row.key[3] for row in rows):
+        sys.stdout.write(f"\ntarget mask {mask}\n\n")
+        mine = [row for row in rows if row.key[3] == mask]
+        sys.stdout.write(markdown(category_table(mine, "success")) + "\n")
+    sys.stdout.write(f"\nreport: {out / 'README.md'}\n")
+    return 0
+
+
+def load(paths: Sequence[Path]) -> list[Record]:
+    """Records of several files.
+
+    Raises:
+        ParameterError: a file is missing or empty, or a record is of something else.
+    """
+    records: list[Record] = []
+    for path in paths:
+        found = read_records(path)
+        needed = {"method", "switches", "policy", "target_mask", "outcome", "per_step"}
+        foreign = next((r for r in found if not needed <= set(r)), None)
+        if not found or foreign is not None:
+            raise ParameterError(
+                f"{path} holds no records of `flowbothd eval`",
+                got="nothing" if not found else f"a record with {', '.join(sorted(foreign or {}))}",
+            )
+        records += found
+    return records
+
+
+def _analyses(records: Sequence[Record], partnet: Path | None, out: Path) -> dict[str, object]:
+    from flowbothd_bringup.evaluation.analysis.run import run_analyses
+
+    used = {m.name: m.weights for m in METHODS.values() if m.weights}
+    used |= {r["method"]: r["weights"] for r in records if r["weights"]}
+    found: dict[str, object] = run_analyses(partnet, used, out)
+    return found
+
+
+def _latex(rows: Sequence[RowNumbers]) -> str:
+    mine = [row for row in rows if row.key[3] == TRUTH] or list(rows)
+    parts = [latex(category_table(mine, name), _CAPTIONS[name]) for name in _CAPTIONS]
+    return "\n\n".join(parts) + "\n"
