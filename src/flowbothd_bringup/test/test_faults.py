@@ -27,13 +27,23 @@ class Disturbed:
     """ArmWorld with a fault between it and everything that measures or commands it.
 
     Attributes:
-        moved: The arm's fastest joint in the last observations, as it truly was [rad/s].
+        happened_at: When [s]; None before.
+        sent: Trajectories since the start.
+        fastest: The arm's fastest joint since it happened, as it truly was [rad/s].
     """
 
     def __init__(self, world: Any) -> None:
         self._world = world
         self.happened_at: float | None = None
         self.sent = 0
+        self.fastest = 0.0
+
+    def step(self, count: int) -> None:
+        for _ in range(count):
+            self._world.step(1)
+            if self.happened:
+                speeds = np.abs(self._world.joint_state()[1])
+                self.fastest = max(self.fastest, float(speeds.max()))
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self._world, name)
@@ -125,6 +135,29 @@ class RejectsTrajectories(Disturbed):
         return ""
 
 
+class MissesBeats(Disturbed):
+    """The heartbeat is late in the middle of a pull: the arm is held, and refuses meanwhile."""
+
+    gap = 0.03
+
+    def step(self, count: int) -> None:
+        if not self.happened and self.pulling():
+            self.happen()
+            self._world.hold()
+        super().step(count)
+
+    def command_trajectory(self, trajectory: JointTrajectory, stamp: float = 0.0) -> str:
+        if self.happened_at is not None and self._world.time < self.happened_at + self.gap:
+            return "motion/heartbeat is silent"
+        return super().command_trajectory(trajectory, stamp)
+
+
+class MissesManyBeats(MissesBeats):
+    """The same, for longer than the step takes."""
+
+    gap = 2.0
+
+
 class IsPreempted(Disturbed):
     """Somebody else holds the arm in the middle of the first approach."""
 
@@ -143,6 +176,7 @@ def run_with() -> Callable[..., tuple[RunRecord, Disturbed]]:
     def run(fault: type[Disturbed], **safety: Any) -> tuple[RunRecord, Disturbed]:
         made: list[Disturbed] = []
         rest: list[float] = []
+        pump: list[tuple[float, bool]] = []
 
         def disturb(world: Any) -> Any:
             made.append(fault(world))
@@ -150,6 +184,10 @@ def run_with() -> Callable[..., tuple[RunRecord, Disturbed]]:
 
             def closing() -> None:
                 rest.append(float(np.abs(world.joint_state()[1]).max()))
+                # Whatever is left of the vacuum is vented: what counts is what the pump is told.
+                world.step(240)
+                reading = world.suction()
+                pump.append((reading.pressure, reading.part_present))
                 close()
 
             world.close = closing
@@ -162,6 +200,8 @@ def run_with() -> Callable[..., tuple[RunRecord, Disturbed]]:
         assert made[0].happened, "the fault did not come about"
         assert rest, "the world was not closed"
         assert max(rest) < 0.05, "the arm still moves at the end"
+        assert pump[0][0] < 1000.0, "the pump still runs at the end"
+        assert not pump[0][1], "the cup still holds the part at the end"
         return record, made[0]
 
     return run
@@ -180,7 +220,7 @@ def test_a_part_that_comes_off_is_grasped_again(run_with: Callable) -> None:
 
 def test_frozen_joint_states_end_the_run(run_with: Callable) -> None:
     record, _ = run_with(FreezesJoints, lag_limit=0.15)
-    assert reasons(record, "approach")[0] == "stalled"
+    assert reasons(record, "approach")[0] == "lagging"
     assert record.summary()["outcome"] != "opened"
     assert record.summary()["reason"]
 
@@ -195,15 +235,28 @@ def test_a_spike_of_force_stops_and_latches_and_the_policy_gives_up(run_with: Ca
 
 def test_a_controller_that_rejects_in_silence_is_noticed(run_with: Callable) -> None:
     record, world = run_with(RejectsTrajectories, lag_limit=0.15)
-    assert reasons(record, "approach")[0] == "stalled"
+    assert reasons(record, "approach")[0] == "lagging"
     first = next(entry for entry in record.motions if entry["motion"] == "approach")
     assert "rejected the trajectory" in first["message"]
     assert world.sent > 0
     assert record.summary()["outcome"] != "opened"
 
 
+@pytest.mark.parametrize(("fault", "costs"), [(MissesBeats, False), (MissesManyBeats, True)])
+def test_a_late_heartbeat_costs_a_step_at_most_and_not_the_run(
+    run_with: Callable, fault: type[Disturbed], costs: bool
+) -> None:
+    """The incident: the arm was held mid-pull, and snapped after its reference at 23 rad/s."""
+    record, world = run_with(fault)
+    assert ("lagging" in reasons(record, "flow_step")) == costs
+    assert record.summary()["outcome"] == "opened"
+    assert record.summary()["grasps"] == 1, "the part was held all the time"
+    assert world.fastest < 2.2
+
+
 def test_a_preempted_trajectory_ends_and_the_policy_goes_on(run_with: Callable) -> None:
-    record, _ = run_with(IsPreempted, lag_limit=0.15)
-    assert reasons(record, "approach")[0] == "stalled"
+    record, world = run_with(IsPreempted, lag_limit=0.15)
+    assert reasons(record, "approach")[0] == "lagging"
     assert len(record.motions) > 1
-    assert record.summary()["outcome"] in ("opened", "gave_up", "not_opened", "error", "aborted")
+    assert record.summary()["outcome"] == "opened"
+    assert world.fastest < 2.2

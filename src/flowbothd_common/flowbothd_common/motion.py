@@ -29,6 +29,7 @@ class MotionReason(StrEnum):
     NO_CONTACT = "no_contact"
     FORCE_LIMIT = "force_limit"
     STALLED = "stalled"
+    LAGGING = "lagging"
     SUCTION_LOST = "suction_lost"
     UNREACHABLE = "unreachable"
     JOINT_LIMIT = "joint_limit"

@@ -117,10 +117,14 @@ def finish(turn: Turn, outcome: Outcome, reason: str) -> None:
 
 
 def interrupted(turn: Turn, reason: str) -> None:
-    """Carry on after a motion that was cut short for want of inputs; no failed attempt."""
+    """Carry on after a motion cut short by silent inputs or a held arm; no failed attempt."""
     count = turn.state.interruptions + 1
     turn.set(interruptions=count)
-    if count > turn.params.max_interruptions:
+    if count > turn.params.max_interruptions and turn.state.ending is not None:
+        # The last way home was cut short as well: nothing is gained by another.
+        outcome, why = turn.state.ending
+        finish(turn, outcome, f"{why}; {reason}")
+    elif count > turn.params.max_interruptions:
         end(turn, Outcome.ABORTED, f"{reason}; interrupted {count} times")
     else:
         recover(turn, reason, "recover")

@@ -16,6 +16,7 @@ _EARLY = (
     MotionReason.FORCE_LIMIT,
     MotionReason.SUCTION_LOST,
     MotionReason.TIMEOUT,
+    MotionReason.LAGGING,
     MotionReason.STALE_INPUT,
     MotionReason.STOPPED,
 )

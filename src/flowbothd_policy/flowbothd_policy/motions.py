@@ -12,7 +12,7 @@ from flowbothd_policy.grasp_selection import Place
 from flowbothd_policy.history import part_motion, remember
 from flowbothd_policy.state import Phase, Turn
 
-_CUT_SHORT = (MotionReason.STALE_INPUT, MotionReason.TIMEOUT)
+_CUT_SHORT = (MotionReason.STALE_INPUT, MotionReason.TIMEOUT, MotionReason.LAGGING)
 _STALLS = (MotionReason.STALLED, MotionReason.FORCE_LIMIT)
 _CANNOT_GO = (
     MotionReason.UNREACHABLE,
@@ -160,7 +160,7 @@ def account(turn: Turn, result: MotionResult) -> tuple[Array, bool]:
             travel = travel.tried(start, state.pull)
     turn.set(step=state.step + 1, memory=memory, travel=travel, tool_motion=motion)
     if moved:
-        turn.set(refuted=(), avoided=(), unreachable=0, reach=float("inf"))
+        turn.set(refuted=(), avoided=(), unreachable=0, reach=float("inf"), interruptions=0)
     return motion, moved
 
 

@@ -259,7 +259,11 @@ class PolicyParams:
         10, "refusals of one motion in a row before the run ends", minimum=1, maximum=1000
     )
     max_interruptions: int = parameter(
-        5, "motions interrupted by missing inputs before the run ends", minimum=1, maximum=1000
+        5,
+        "motions cut short by missing inputs or an arm that does not follow, with no part moved "
+        "between, before the run ends",
+        minimum=1,
+        maximum=1000,
     )
     on_inputs_lost: str = parameter(
         "resume",

@@ -525,6 +525,30 @@ def test_stale_inputs_are_no_failed_attempt_but_bounded():
     assert player.state.ending[0] is Outcome.ABORTED
 
 
+def test_a_held_arm_costs_another_look_and_says_nothing_of_the_part():
+    """The incident: a heartbeat came late, the arm was held, and the pull was held to be wrong."""
+    player = player_in(Phase.STEPPING)
+    lagging = moved(MotionKind.FLOW_STEP, MotionReason.LAGGING, by=(-0.005, 0, 0), vacuum=True)
+    player.feed(lagging)
+    assert player.state.phase is Phase.OBSERVING
+    assert player.state.refuted == player.state.avoided == ()
+    assert player.state.stalls == 0
+    player.see().feed(STEPPED)
+    assert player.state.interruptions == 0, "a part that moved is progress"
+
+
+def test_a_way_home_that_is_cut_short_again_and_again_ends_the_run():
+    """The incident: with frozen joint states the run never came to its end."""
+    player = player_in(Phase.PROBING)
+    lagging = moved(MotionKind.RETREAT, MotionReason.LAGGING)
+    player.feed(moved(MotionKind.PROBE, MotionReason.LAGGING), SuctionChanged(SuctionPhase.OFF))
+    for _ in range(PARAMS.max_interruptions + 1):
+        assert player.state.phase is Phase.RETREATING
+        player.feed(lagging)
+    assert player.only(Finish)[0].outcome is Outcome.ABORTED
+    assert "interrupted" in player.only(Finish)[0].reason
+
+
 def test_predictions_that_keep_failing_are_an_error():
     player = player_in(Phase.OBSERVING)
     for _ in range(PARAMS.max_prediction_failures):

@@ -77,15 +77,18 @@ class ArmNode(Node):
         kinematics = make_kinematics(motion, read_description(params.robot.description_file))
         limits = robot_limits(kinematics, params.robot)
         if params.backend == "topic":
-            return TopicArm(self, self._names, limits, params.reject_lag)
+            return TopicArm(self, self._names, limits, params.reject_lag, params.start_tolerance)
         if params.backend == "panda":
-            return PandaArm(kinematics, limits, params.panda)
+            tolerance = params.start_tolerance
+            return PandaArm(kinematics, limits, params.panda, start_tolerance=tolerance)
         robot = RecordingRobot(params.robot.start_positions)
         robot.fk = kinematics.pose
         # A wrench of exact zeros would mean a singularity.
         robot.wrench[2] = 1e-6
         address = replace(params.panda, robot_ip=params.panda.robot_ip or "recording")
-        return PandaArm(kinematics, limits, address, library=RecordingLibrary(robot))
+        library = RecordingLibrary(robot)
+        tolerance = params.start_tolerance
+        return PandaArm(kinematics, limits, address, library=library, start_tolerance=tolerance)
 
     def _on_timer(self) -> None:
         if not self._connection.poll():

@@ -78,6 +78,12 @@ class ArmNodeParams:
     reconnect_period: float = parameter(
         5.0, "Pause between two attempts to reach the robot [s]", minimum=0.5
     )
+    start_tolerance: float = parameter(
+        0.03,
+        "How far beside where the arm is commanded to be a trajectory may begin; one that begins "
+        "elsewhere is refused, and the arm brakes [rad]",
+        minimum=0.0,
+    )
     reject_lag: float = parameter(
         0.1,
         "Backend topic: distance between command and joint state that tells that the controller "

@@ -10,13 +10,13 @@ from flowbothd_common.errors import MotionRejectedError, ParameterError
 from flowbothd_common.motion import JointTrajectory, MotionGoal, MotionReason, RobotObservation
 from flowbothd_common.types import Array
 from franka_suction_driver.kinematics import Kinematics
+from franka_suction_driver.lag import LagWatch
 from franka_suction_driver.motion_step import Ending
 from franka_suction_driver.params import MotionParams, SafetyParams
 from franka_suction_driver.trajectory import JointState
 
 _BEYOND_REACH = 2.0
 _SLACK = 1e-3
-_LAG_PATIENCE = 0.2
 
 
 class Envelope:
@@ -34,13 +34,17 @@ class Envelope:
         self._params = params
         self._kinematics = kinematics
         self._latched = ""
-        self._behind_since: float | None = None
+        self._lag = LagWatch()
         self._box = workspace(params)
 
     @property
     def latched(self) -> str:
         """Why nothing may move until `release`; empty if it may."""
         return self._latched
+
+    def restart(self) -> None:
+        """Another motion begins, from where the arm is."""
+        self._lag.restart()
 
     def latch(self, why: str) -> None:
         """Let nothing move until `release`; the first reason is kept."""
@@ -106,19 +110,15 @@ class Envelope:
             )
             self.latch(message)
             return Ending(MotionReason.FORCE_LIMIT, message, True)
-        lag = float(np.abs(seen.positions - commanded.position).max())
+        lag = self._lag.lag(seen, commanded)
         if lag <= params.lag_limit:
-            self._behind_since = None
-            return None
-        if self._behind_since is None:
-            self._behind_since = seen.time
-        if seen.time - self._behind_since < _LAG_PATIENCE:
             return None
         message = (
-            f"the arm is {lag:.2f} rad off its command and does not follow: the controller has "
-            "rejected the trajectory, or the joint states are frozen; see the driver's log"
+            f"the arm is {lag:.2f} rad off its command and does not follow: the controller holds "
+            "it or has rejected the trajectory, or the joint states are frozen; see the driver's "
+            "log"
         )
-        return Ending(MotionReason.STALLED, message)
+        return Ending(MotionReason.LAGGING, message)
 
 
 def workspace(params: SafetyParams) -> tuple[Array, Array] | None:

@@ -202,6 +202,7 @@ class MotionExecutor:
         self._stop_request = self._last_request = None
         kind = prepared.goal.kind
         self._recorder = Recorder(kind, self.robot, observation)
+        self._envelope.restart()
         self._running = None
         known = self._settle_commanded(observation)
         speed = float(np.abs(observation.velocities).max())
@@ -322,6 +323,9 @@ class MotionExecutor:
         self._recorder = None
         self._running = None
         self._stop_request = None
+        if ending.reason is MotionReason.LAGGING:
+            # The arm is not where it was commanded to be: the next motion starts where it is seen.
+            self._commanded_once = False
         _log.info(
             "%s: %s, %.0f %% of the path, %.2f s, peak %.1f N, lag %.4f rad %s",
             result.kind.value,

@@ -110,6 +110,12 @@ class FlowStep:
         line = self._reference.line
         tip = self._kinematics.tip(seen.positions).position
         lag = travel - float((tip - line.origin) @ line.direction)
+        if lag > params.stall_distance and size < params.relaxed_force:
+            message = (
+                f"the tool is {lag * 1000:.0f} mm behind after {travel * 100:.1f} cm, and nothing "
+                f"holds it ({size:.1f} N): the arm does not follow its command"
+            )
+            return Ending(MotionReason.LAGGING, message)
         if lag > params.stall_distance:
             message = (
                 f"the tool is {lag * 1000:.0f} mm behind after {travel * 100:.1f} cm: it no longer "

@@ -80,7 +80,7 @@ class JointMotion:
         if now < self._ends + _SETTLE_TIME:
             return Step()
         message = f"the arm stays {lag:.3f} rad behind the trajectory; is the controller running?"
-        return Step(ending=Ending(MotionReason.STALLED, message))
+        return Step(ending=Ending(MotionReason.LAGGING, message))
 
     def stop(self, now: float, commanded: JointState, ending: Ending) -> Step:
         """Brake all joints within their limits, then end as told."""

@@ -191,7 +191,8 @@ class SafetyParams:
     )
     lag_limit: float = parameter(
         0.15,
-        "Distance between command and measurement that tells that nothing follows [rad]",
+        "Distance of the arm from everything commanded in the last quarter second that tells that "
+        "it does not follow [rad]",
         minimum=0.01,
     )
     slow_conditioning: float = parameter(

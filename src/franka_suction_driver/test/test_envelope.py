@@ -194,10 +194,72 @@ def test_frozen_joint_states_stop_the_motion_and_name_the_controller(
     arm = make_arm()
     arm.follows = False
     result = arm.run(make_executor(lag_limit=0.15), approach(x=0.5, y=-0.3))
-    assert result.reason is MotionReason.STALLED
+    assert result.reason is MotionReason.LAGGING
     assert "rejected the trajectory" in result.message
     assert result.duration < 3.0
     assert not arm.issued[-1][2].velocities[-1].any()
+
+
+def drive(executor: MotionExecutor, arm: Any, seconds: float) -> None:
+    """Tick for a while; the motion must not end meanwhile."""
+    for _ in range(int(seconds / arm.period)):
+        update = executor.tick(arm.observe())
+        if update.trajectory is not None:
+            arm.take(update.trajectory)
+        assert update.result is None
+        arm.advance()
+
+
+def test_an_arm_that_was_held_is_noticed_at_once_and_the_next_motion_starts_where_it_stands(
+    make_executor: Callable, make_arm: Callable
+) -> None:
+    """The incident: a late heartbeat held the arm, and the next trajectory began 1 rad ahead."""
+    executor, arm = make_executor(lag_limit=0.05), make_arm()
+    executor.start(approach(x=0.5, y=-0.3), arm.observe())
+    drive(executor, arm, 0.6)
+    assert np.abs(arm.state.velocity).max() > 0.2
+    arm.follows = False
+    arm.state = type(arm.state).at_rest(arm.state.position)
+    held = arm.time
+    result = arm.finish(executor)
+    assert result.reason is MotionReason.LAGGING
+    stop = next(since for since, _, _ in arm.issued if since > held)
+    assert stop - held < 0.5
+    stands, before = arm.state.position.copy(), len(arm.issued)
+    arm.follows = True
+    arm.issued.clear()
+    assert arm.run(executor, RETREAT).reason is MotionReason.REACHED
+    first = arm.issued[0][2]
+    assert before > 0
+    assert np.abs(first.positions[0] - stands).max() < 0.01
+
+
+@pytest.mark.parametrize("late", [0.0, 0.1, 0.2])
+def test_an_arm_that_follows_late_is_no_arm_that_does_not_follow(
+    make_executor: Callable, make_arm: Callable, late: float
+) -> None:
+    """At a radian a second, a tenth of a second of delay is a tenth of a radian."""
+    executor, arm = make_executor(lag_limit=0.05), make_arm()
+    states: list[Any] = []
+    advance = arm.advance
+
+    def advance_late() -> None:
+        advance()
+        states.append(arm.state)
+
+    observe = arm.observe
+
+    def observe_late() -> Any:
+        seen = observe()
+        ago = round(late / arm.period)
+        past = states[-1 - ago] if ago < len(states) else (states or [arm.state])[0]
+        return replace(seen, positions=past.position.copy(), velocities=past.velocity.copy())
+
+    arm.advance, arm.observe = advance_late, observe_late
+    result = arm.run(executor, approach(x=0.5, y=-0.3))
+    assert result.reason is MotionReason.REACHED, result.message
+    if late:
+        assert result.max_lag > 0.05
 
 
 def test_a_dry_run_shows_and_moves_nothing(

@@ -174,17 +174,26 @@ def test_a_lost_part_ends_the_step(
     assert not result.vacuum
 
 
-def test_a_frozen_arm_is_stalled(
-    executor: MotionExecutor, make_arm: Callable, facing: np.ndarray
+@pytest.mark.parametrize(
+    ("force", "reason"), [(0.0, MotionReason.LAGGING), (12.0, MotionReason.STALLED)]
+)
+def test_a_tool_that_stays_behind_is_stalled_if_something_holds_it(
+    executor: MotionExecutor,
+    make_arm: Callable,
+    facing: np.ndarray,
+    force: float,
+    reason: MotionReason,
 ) -> None:
+    """An arm that nothing holds was held by its controller, which says nothing of the part."""
     arm = make_arm(facing)
     arm.vacuum = lambda tip: True
+    arm.force = lambda tip: force * FORWARD
     arm.follows = False
     result = arm.run(executor, step(-FORWARD))
-    assert result.reason is MotionReason.STALLED
+    assert result.reason is reason
     assert "behind" in result.message
     approach = arm.run(executor, MotionGoal(MotionKind.RETREAT))
-    assert approach.reason is MotionReason.REJECTED or approach.reason is MotionReason.STALLED
+    assert approach.reason in (MotionReason.REJECTED, MotionReason.LAGGING)
 
 
 def test_steps_without_a_part_or_without_a_wrench_do_not_begin(

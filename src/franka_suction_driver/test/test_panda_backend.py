@@ -115,13 +115,28 @@ def test_trajectories_that_a_controller_would_reject_are_refused_aloud(lab: Lab)
         "not strictly increasing": replace(good, times=good.times[::-1].copy()),
         "positions are": replace(good, positions=good.positions[:, :6]),
         "not finite": replace(good, positions=good.positions * np.nan),
-        "rad from where": replace(good, positions=good.positions + 0.5),
+        "begins elsewhere": replace(good, positions=good.positions + 0.5),
         "beyond a limit: velocity": replace(good, velocities=np.vstack([zero[:-1] + 9, zero[-1:]])),
     }
     for words, trajectory in bad.items():
         assert words in lab.arm.follow(trajectory)
     lab.feed(0.5)
     np.testing.assert_allclose(lab.robot.q, START)
+
+
+def test_an_arm_whose_commander_has_lost_track_of_it_brakes(lab: Lab) -> None:
+    """The incident: the arm was held while its reference ran on, and then snapped after it."""
+    assert lab.arm.follow(lab.move()) == ""
+    lab.feed(0.2)
+    assert np.abs(lab.robot.dq).max() > 0.1
+    ahead = lab.move()
+    reason = lab.arm.follow(replace(ahead, positions=ahead.positions + 0.2))
+    assert "begins elsewhere" in reason
+    where = lab.robot.q.copy()
+    lab.feed(2.0)
+    assert not lab.robot.dq.any()
+    assert np.abs(lab.robot.q - where).max() < 0.15
+    assert lab.arm.state().fault == "", "nothing is broken: the next good one is followed"
 
 
 def test_a_reflex_is_not_recovered_by_the_next_command(lab: Lab) -> None:

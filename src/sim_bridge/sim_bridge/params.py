@@ -94,6 +94,11 @@ class BridgeParams:
     heartbeat_timeout: float = parameter(
         0.1, "Silence of motion/heartbeat after which the arm holds [s, steady]", minimum=0.01
     )
+    start_tolerance: float = parameter(
+        _ARM.start_tolerance,
+        "How far beside where the arm is commanded to be a trajectory may begin [rad]",
+        minimum=0.0,
+    )
     camera: CameraParams = field(default_factory=CameraParams)
 
     def __post_init__(self) -> None:
@@ -120,4 +125,5 @@ class BridgeParams:
             tip=self.tip,
             cup_link=self.cup_link,
             resting_links=self.resting_links,
+            start_tolerance=self.start_tolerance,
         )

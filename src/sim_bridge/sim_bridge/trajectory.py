@@ -6,11 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from flowbothd_common.joining import leap
 from flowbothd_common.motion import JointTrajectory, joint_order
 from flowbothd_common.types import Array
 
 _REST_TOLERANCE = 1.2e-7
 """Largest end velocity that the controller takes for rest [rad/s]."""
+
+_ACCELERATION = 10.0
+"""What a motion ahead may need of any joint [rad/s^2]; an arm's limits are about this."""
 
 
 @dataclass(frozen=True)
@@ -29,18 +33,29 @@ class TrajectoryFollower:
     (interpolate_from_desired_state). Between points: quintic where positions, velocities and
     accelerations are given, cubic with positions and velocities, linear with positions only; an
     array of size 0 counts as not given.
+
+    Other than the controller, it refuses one that begins elsewhere, and comes to rest: whoever sent
+    it has lost track of the arm.
     """
 
-    def __init__(self, joint_names: tuple[str, ...], positions: Array, hold_time: float = 0.15):
+    def __init__(
+        self,
+        joint_names: tuple[str, ...],
+        positions: Array,
+        hold_time: float = 0.15,
+        start_tolerance: float = 0.03,
+    ) -> None:
         """Hold `positions` (J,).
 
         Args:
             joint_names: J names.
             positions: Where the joints are [rad].
             hold_time: Time in which `hold` brings the joints to rest [s].
+            start_tolerance: How far beside the commanded state a trajectory may begin [rad].
         """
         self.joint_names = joint_names
         self.hold_time = hold_time
+        self.start_tolerance = start_tolerance
         self.reset(positions)
 
     def reset(self, positions: Array) -> None:
@@ -60,7 +75,8 @@ class TrajectoryFollower:
             stamp: When it starts [s]; 0 = now. What lies before now is skipped.
 
         Returns:
-            Empty if accepted; else why not, and the old trajectory goes on.
+            Empty if accepted; else why not. The old trajectory goes on, unless the new one begins
+            elsewhere: then the joints come to rest.
         """
         reason = self._objection(trajectory, now, stamp)
         if reason:
@@ -80,6 +96,10 @@ class TrajectoryFollower:
         )
         points = [JointSample(*row) for row in rows]
         keep = times > now
+        elsewhere = self._leap(times, points, now, moving=order > 1)
+        if elsewhere:
+            self.hold(now)
+            return elsewhere
         # A first point at the very start replaces the present state, as the controller does it.
         if times[0] == now:
             self._times, self._points = times, points
@@ -115,6 +135,19 @@ class TrajectoryFollower:
         start, end = self._points[after - 1], self._points[after]
         begin = float(self._times[after - 1])
         return _interpolate(start, end, now - begin, float(self._times[after]) - begin, self._order)
+
+    def _leap(self, times: Array, points: list[JointSample], now: float, *, moving: bool) -> str:
+        """Why the first point ahead does not go on from the commanded state, or nothing."""
+        present, ahead = self.sample(now), int(np.searchsorted(times, now))
+        first = points[ahead]
+        return leap(
+            self.joint_names,
+            (present.positions, present.velocities),
+            (first.positions, first.velocities if moving else present.velocities),
+            float(times[ahead]) - now,
+            tolerance=self.start_tolerance,
+            acceleration=_ACCELERATION,
+        )
 
     def _objection(self, trajectory: JointTrajectory, now: float, stamp: float) -> str:
         names, times = trajectory.joint_names, np.asarray(trajectory.times, dtype=float)

@@ -37,6 +37,8 @@ class ArmWorldParams:
         resting_links: Links that stand on the table and may touch it.
         time_step: [s].
         gravity: [m/s^2].
+        start_tolerance: How far beside where the arm is commanded to be a trajectory may begin;
+            above what a motion takes for the same place [rad].
         cup: Physics of the cup.
     """
 
@@ -56,6 +58,7 @@ class ArmWorldParams:
     resting_links: tuple[str, ...] = ("panda_link0",)
     time_step: float = 1.0 / 240.0
     gravity: float = 9.81
+    start_tolerance: float = 0.03
     cup: CupParams = field(default_factory=CupParams)
 
 
@@ -101,7 +104,11 @@ class ArmWorld(ObjectWorld):
         self._effort = [self._robot_urdf.joints[n].effort or 100.0 for n in self.joint_names]
         self._bullet = Bullet(self.params.time_step, self.params.gravity)
         self._cup = SuctionCup(self.params.cup)
-        self._follower = TrajectoryFollower(self.joint_names, np.array(self.params.start))
+        self._follower = TrajectoryFollower(
+            self.joint_names,
+            np.array(self.params.start),
+            start_tolerance=self.params.start_tolerance,
+        )
         self.model = model
         self.object_pose = model.default_pose if object_pose is None else object_pose
         self._oracle = FlowOracle(model)
@@ -177,7 +184,14 @@ class ArmWorld(ObjectWorld):
             self._tick()
 
     def command_trajectory(self, trajectory: JointTrajectory, stamp: float = 0.0) -> str:
-        """Follow a trajectory; returns why not, or nothing (see TrajectoryFollower.accept)."""
+        """Follow a trajectory; returns why not, or nothing (see TrajectoryFollower.accept).
+
+        An arm that was kept from where it should rest is taken up from where it stands.
+        """
+        rest = self._follower.sample(self.time).positions
+        pushed = np.abs(self._positions - rest).max() > self.params.start_tolerance
+        if pushed and not self._follower.active(self.time):
+            self._follower.reset(self._positions)
         return self._follower.accept(trajectory, self.time, stamp)
 
     def hold(self) -> None:

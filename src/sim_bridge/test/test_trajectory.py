@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from flowbothd_common.joining import leap
 from flowbothd_common.motion import JointTrajectory
 from sim_bridge.trajectory import TrajectoryFollower
 
@@ -91,10 +92,10 @@ def test_joints_are_found_by_name(follower):
 
 
 def test_a_stamp_in_the_past_skips_what_has_passed(follower):
-    points = trajectory([1.0, 2.0], [[1.0, 0.0], [2.0, 0.0]])
+    points = trajectory([1.0, 2.0], [[1.0, 0.0], [0.6, 0.0]])
     assert follower.accept(points, now=5.0, stamp=3.5) == ""
     assert np.allclose(follower.sample(5.0).positions, [0.1, -0.2])
-    assert np.allclose(follower.sample(5.5).positions, [2.0, 0.0])
+    assert np.allclose(follower.sample(5.5).positions, [0.6, 0.0])
 
 
 def test_a_stamp_in_the_future_waits(follower):
@@ -104,9 +105,39 @@ def test_a_stamp_in_the_future_waits(follower):
 
 
 def test_a_first_point_at_zero_replaces_the_present_state(follower):
-    points = trajectory([0.0, 1.0], [[0.3, 0.3], [0.5, 0.5]])
+    points = trajectory([0.0, 1.0], [[0.11, -0.19], [0.5, 0.5]])
     assert follower.accept(points, now=1.0) == ""
-    assert np.allclose(follower.sample(1.0).positions, [0.3, 0.3])
+    assert np.allclose(follower.sample(1.0).positions, [0.11, -0.19])
+
+
+@pytest.mark.parametrize("times", [[0.0, 1.0], [0.04, 1.0]])
+def test_one_that_begins_elsewhere_is_refused_and_the_joints_come_to_rest(follower, times):
+    """The incident: the arm was held, its reference ran on, and it snapped after it at 23 rad/s."""
+    follower.accept(trajectory([1.0], [[1.0, 1.0]]), now=0.0)
+    moving = follower.sample(0.4)
+    away = moving.positions + np.array([1.0, 0.0])
+    reason = follower.accept(trajectory(times, [away, away]), now=0.4)
+    assert "a would leap by" in reason
+    assert differences(follower, 0.3, 1.0, order=0) < 5e-4
+    rest = follower.sample(1.0)
+    assert not rest.velocities.any()
+    assert np.abs(rest.positions - moving.positions).max() < 0.25
+    # From where it stands it goes on.
+    assert follower.accept(trajectory([1.0], [rest.positions + 0.1]), now=1.0) == ""
+
+
+@pytest.mark.parametrize("lead", [0.0, 0.025, 0.1, 0.4])
+def test_no_motion_within_the_limits_is_taken_for_a_leap(lead):
+    """Speeding up for half of the time, then slowing down, leads furthest off the mean speed."""
+    acceleration, speed = 10.0, np.array([0.7])
+    furthest = speed * lead + acceleration * lead**2 / 4
+
+    def verdict(first):
+        play = {"tolerance": 1e-9, "acceleration": acceleration}
+        return leap(("a",), (np.zeros(1), speed), (first, speed), lead, **play)
+
+    assert verdict(furthest) == ""
+    assert "a would leap by" in verdict(furthest + 0.01)
 
 
 @pytest.mark.parametrize(

@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 
+from flowbothd_common.joining import leap
 from flowbothd_common.motion import JointTrajectory
 from franka_suction_driver.limits import JointLimits
 from franka_suction_driver.trajectory import JointState
 
-_START_SLACK = 0.01
 
-
-def objection(trajectory: JointTrajectory, limits: JointLimits, commanded: JointState) -> str:
+def objection(
+    trajectory: JointTrajectory, limits: JointLimits, commanded: JointState, start_tolerance: float
+) -> str:
     """Why the trajectory must not be followed, or nothing.
 
     The rules of JointTrajectoryController, which rejects with only a line in its log, and more:
@@ -22,6 +23,7 @@ def objection(trajectory: JointTrajectory, limits: JointLimits, commanded: Joint
         trajectory: In the order of the arm's joints.
         limits: Of the arm.
         commanded: State that the trajectory is entered from.
+        start_tolerance: How far beside it the trajectory may begin [rad].
     """
     times, joints = trajectory.times, len(limits.lower)
     if not len(times):
@@ -36,14 +38,14 @@ def objection(trajectory: JointTrajectory, limits: JointLimits, commanded: Joint
         return "times are not strictly increasing from above 0"
     if trajectory.velocities[-1].any() or trajectory.accelerations[-1].any():
         return "the trajectory does not end at rest: last velocity and acceleration must be zero"
-    # In one interval no joint gets further than at full speed; a jump does.
-    reach = limits.velocity * float(times[0]) + _START_SLACK
-    jump = np.abs(trajectory.positions[0] - commanded.position)
-    if (jump > reach).any():
-        worst = int((jump - reach).argmax())
-        return (
-            f"it starts {jump[worst]:.3f} rad from where {trajectory.joint_names[worst]} is "
-            f"commanded to be, at most {reach[worst]:.3f} rad can be covered by its first point"
-        )
     violation = limits.violation(trajectory)
-    return f"beyond a limit: {violation}" if violation is not None else ""
+    if violation is not None:
+        return f"beyond a limit: {violation}"
+    return leap(
+        trajectory.joint_names,
+        (commanded.position, commanded.velocity),
+        (trajectory.positions[0], trajectory.velocities[0]),
+        float(times[0]),
+        tolerance=start_tolerance,
+        acceleration=limits.acceleration,
+    )

@@ -49,6 +49,7 @@ class PandaArm:
         clock: Steady time [s].
         sleep: Waits so many seconds on that clock.
         threaded: Feed the controller from a thread; otherwise call `feed` yourself.
+        start_tolerance: How far beside its commanded state a trajectory may begin [rad].
 
     Raises:
         ParameterError: our force limit would not trip before libfranka's.
@@ -64,6 +65,7 @@ class PandaArm:
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
         threaded: bool = True,
+        start_tolerance: float = 0.03,
     ) -> None:
         if params.force_limit >= params.collision_force:
             raise ParameterError(
@@ -73,6 +75,7 @@ class PandaArm:
             )
         self._kinematics, self._limits, self._params = kinematics, limits, params
         self._library, self._threaded = library, threaded
+        self._start_tolerance = start_tolerance
         self._clock, self._sleep = clock, sleep
         self._wrench = ExternalWrench(kinematics, params.least_conditioning)
         self._lock = threading.RLock()
@@ -125,8 +128,11 @@ class PandaArm:
             if self._controller is None:
                 return "the robot is not connected"
             now = self._clock()
-            reason = objection(trajectory, self._limits, self._commander.state(now))
-            if not reason:
+            commanded = self._commander.state(now)
+            reason = objection(trajectory, self._limits, commanded, self._start_tolerance)
+            if reason:
+                self.hold()
+            else:
                 self._commander.issue(trajectory, now)
             return reason
 

@@ -53,7 +53,10 @@ class ArmBackend(Protocol):
         ...
 
     def follow(self, trajectory: JointTrajectory) -> str:
-        """Take over a trajectory now; empty, or why it is refused (the old one then goes on)."""
+        """Take over a trajectory now; empty, or why it is refused: the arm then brakes.
+
+        Whoever sends what does not fit has lost track of the arm.
+        """
         ...
 
     def hold(self) -> None:

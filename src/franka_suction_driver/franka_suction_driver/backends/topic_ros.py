@@ -34,12 +34,19 @@ class TopicArm:
         joint_names: The order of all joint vectors.
         limits: What no trajectory may exceed.
         reject_lag: Distance between command and joint state that counts as not following [rad].
+        start_tolerance: How far beside its commanded state a trajectory may begin [rad].
     """
 
     def __init__(
-        self, node: Node, joint_names: tuple[str, ...], limits: JointLimits, reject_lag: float
+        self,
+        node: Node,
+        joint_names: tuple[str, ...],
+        limits: JointLimits,
+        reject_lag: float,
+        start_tolerance: float,
     ) -> None:
         self._names, self._limits, self._reject_lag = joint_names, limits, reject_lag
+        self._start_tolerance = start_tolerance
         self._commander = Commander()
         self._state: ArmState | None = None
         self._fault = ""
@@ -62,16 +69,23 @@ class TopicArm:
         if self._fault or self._state is None:
             return self._fault or "no joint_states yet"
         now = time.monotonic()
-        reason = objection(trajectory, self._limits, self._commander.state(now))
-        if not reason:
-            self._commander.issue(trajectory, now)
-            self._moving = True
-            self._publisher.publish(to_trajectory(trajectory))
-        return reason
+        commanded = self._commander.state(now)
+        reason = objection(trajectory, self._limits, commanded, self._start_tolerance)
+        if reason:
+            self.hold()
+            return reason
+        self._commander.issue(trajectory, now)
+        self._moving = True
+        self._publisher.publish(to_trajectory(trajectory))
+        return ""
 
     def hold(self) -> None:
-        """Replace what runs by a short braking trajectory; an empty one would be an error."""
-        if self._state is None:
+        """Replace what runs by a short braking trajectory; an empty one would be an error.
+
+        Where the arm does not follow, nobody knows what the controller commands: braking from
+        there could be a leap, and what runs ends at rest by itself.
+        """
+        if self._state is None or self._fault:
             return
         now = time.monotonic()
         commanded = self._commander.state(now)
