@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -52,7 +51,6 @@ def page(
     pictures: Sequence[Picture],
     analyses: Mapping[str, Any],
     sources: Sequence[Path],
-    out: Path,
 ) -> str:
     """The whole page.
 
@@ -60,9 +58,8 @@ def page(
         title: Its first line.
         rows: Of all target masks.
         pictures: Drawn from the records, in `out`.
-        analyses: What `run_analyses` returned; empty if they were not run.
+        analyses: By name, as `run_analyses` returns them; empty if they were not run.
         sources: Files of the records.
-        out: Folder that the page lies in.
     """
     steps = sorted({r["max_steps"] for row in rows for r in row.records})
     parts = [
@@ -96,7 +93,7 @@ def page(
         parts.append("## From the records")
     parts += [f"### {p.title}\n\n![{p.title}]({p.path.name})" for p in pictures]
     if analyses:
-        parts += ["## From the networks", *_analyses(analyses, out)]
+        parts += ["## From the networks", *_analyses(analyses)]
     return "\n\n".join(part.strip() for part in parts) + "\n"
 
 
@@ -157,17 +154,27 @@ def _words(first: RowNumbers, others: Sequence[RowNumbers], found: Sequence[Comp
     return "\n".join(lines)
 
 
-def _analyses(analyses: Mapping[str, Any], out: Path) -> list[str]:
-    parts = []
+_SAYS = {
+    "occlusion": "Where the leaf is seen edge-on, a prediction without history has nothing to go by.",
+    "multimodality": "Several answers of one closed object: by the paper's rule right and wrong ones "
+    "by mean error, by the released code's by cosine.",
+    "doors": "Best of several samples; the paper's numbers in brackets are of other doors.",
+    "history": "What the next prediction makes of no history, the true one, one of a good and one of "
+    "a bad prediction: why only what moved may be remembered.",
+    "chains": "How one answer comes about.",
+    "rollouts": "Whole runs: predicted flow, grasp and pull, and what the policy noticed.",
+    "showcases": "Objects whose opening cannot be seen, with the answers that are drawn for them.",
+}
+
+
+def _analyses(analyses: Mapping[str, Any]) -> list[str]:
+    parts = ["What was measured on what is in [analyses.json](analyses.json)."]
     for name, found in analyses.items():
-        if not isinstance(found, Mapping):
-            continue
-        parts.append(f"### {found.get('title', name)}")
         if "skipped" in found:
-            parts.append(f"Not made: {found['skipped']}.")
+            parts.append(f"Not made, {name}: {found['skipped']}.")
             continue
-        if text := found.get("text"):
-            parts.append(str(text))
-        files = [found["file"]] if "file" in found else list(found.get("files", ()))
-        parts += [f"![{found.get('title', name)}]({Path(f).name})" for f in files]
-    return parts or [f"```\n{json.dumps(analyses, indent=1)[:4000]}\n```"]
+        parts.append(_SAYS.get(name, ""))
+        if table := found["data"].get("table"):
+            parts.append(str(table))
+        parts += [f"### {title}\n\n![{title}]({file})" for title, file in found["figures"]]
+    return parts

@@ -56,7 +56,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     pictures = [Picture(title, path) for title, path in draw_all(records, out)]
     analyses = {} if arguments.no_analyses else _analyses(records, arguments.objects, out)
-    text = page(arguments.title, rows, pictures, analyses, arguments.results, out)
+    text = page(arguments.title, rows, pictures, analyses, arguments.results)
     (out / "README.md").write_text(text)
     (out / "tables.tex").write_text(_latex(rows))
     for mask in dict.fromkeys(row.key[3] for row in rows):
@@ -92,7 +92,7 @@ def _analyses(records: Sequence[Record], partnet: Path | None, out: Path) -> dic
 
     used = {m.name: m.weights for m in METHODS.values() if m.weights}
     used |= {r["method"]: r["weights"] for r in records if r["weights"]}
-    found: dict[str, object] = run_analyses(partnet, used, out)
+    found: dict[str, object] = run_analyses(partnet, used, out)["analyses"]
     return found
 
 

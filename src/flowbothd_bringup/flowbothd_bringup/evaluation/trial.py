@@ -173,6 +173,7 @@ def evaluation_rollout(trial: EvalTrial) -> tuple[RunRecord, Record]:
     # What the part does after the end of the run does not count: nobody touches it any more.
     summary = run.summary()
     success = ratio > SUCCESS
+    signals = _per_step(run, judge)
     return run, {
         "link": joint.child,
         "joint": joint.name,
@@ -181,9 +182,9 @@ def evaluation_rollout(trial: EvalTrial) -> tuple[RunRecord, Record]:
         "success": success,
         "open_ratio": round(ratio, 4),
         "normalized_distance": round(1.0 - ratio, 4),
-        "steps": len(adapter.pulls),
+        "steps": len(signals["open_ratio"]),
         "grasps": summary["grasps"],
-        "per_step": _per_step(run, adapter, judge),
+        "per_step": signals,
         "seconds": seconds,
     }
 
@@ -271,7 +272,7 @@ class _Judge:
         return flows
 
 
-def _per_step(run: RunRecord, world: FloatingPolicyWorld, judge: _Judge) -> dict[str, list[Any]]:
+def _per_step(run: RunRecord, judge: _Judge) -> dict[str, list[Any]]:
     """One entry a pull; the errors are those of the sample that was acted upon."""
     signals = step_signals(run)
     errors = [
@@ -280,7 +281,7 @@ def _per_step(run: RunRecord, world: FloatingPolicyWorld, judge: _Judge) -> dict
         if decision["decision"] == "step"
     ]
     return {
-        "open_ratio": [round(ratio, 4) for ratio in world.pulls],
+        "open_ratio": [round(s.open_ratio, 4) for s in signals],
         "history_updated": [s.history_updated for s in signals],
         "grasp_switched": [s.grasp_switched for s in signals],
         "consistency_trials": [s.trials for s in signals],

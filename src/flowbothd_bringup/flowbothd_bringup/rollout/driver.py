@@ -21,6 +21,7 @@ from flowbothd_policy.commands import (
 from flowbothd_policy.events import (
     CloudArrived,
     Event,
+    MotionFinished,
     OperatorStop,
     PredictionArrived,
     Start,
@@ -129,6 +130,9 @@ class PolicyDriver:
             self._waiting_since = self._world.time
 
     def _handle(self, event: Event) -> None:
+        if isinstance(event, MotionFinished):
+            # What the policy now decides is dated with this state, not with one before the motion.
+            self._record.states.append(self._world.state())
         before = waiting(self._state, self._params)
         self._state, commands = advance(self._state, event, self._world.time, self._params)
         if commands or waiting(self._state, self._params) != before:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from flowbothd_bringup.record import RunRecord, StateSample
 from flowbothd_bringup.rollout.driver import PolicyDriver
-from flowbothd_common.motion import MotionGoal, MotionKind
+from flowbothd_common.motion import MotionGoal
 from flowbothd_common.types import Cloud, History, SuctionPhase
 from flowbothd_policy.events import CloudArrived, Event, MotionFinished, SuctionChanged
 from flowbothd_policy.oracle import OracleParams, OraclePredictor, Truth
@@ -44,8 +44,6 @@ class FloatingPolicyWorld:
     def __init__(self, world: FloatingWorld, counting: Collection[str] | None = None) -> None:
         self._world = world
         self._counting = (world.model.target_joint,) if counting is None else tuple(counting)
-        self.pulls: list[float] = []
-        """Open ratio after each flow step."""
         self.on_target = np.zeros(0, dtype=bool)
         """(N,) whether a point of the last cloud lies on the target link; not for the policy."""
         # A gripper that moves in no time would hand out clouds with the same stamp.
@@ -73,8 +71,6 @@ class FloatingPolicyWorld:
     def move(self, goal: MotionGoal) -> list[Event]:
         """Do the motion."""
         result = self._world.execute(goal)
-        if goal.kind is MotionKind.FLOW_STEP:
-            self.pulls.append(self.open_ratio)
         return [MotionFinished(result), *self._suction_events()]
 
     def stop(self) -> None:
