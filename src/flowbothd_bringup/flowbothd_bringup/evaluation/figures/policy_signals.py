@@ -58,17 +58,24 @@ def draw_policy_signals(records: Sequence[Mapping[str, Any]], path: Path) -> Non
         layout="constrained",
     )
     for axis, record in zip(axes[:, 0], records, strict=True):
-        _panel(axis, record)
-    lines, _ = axes[0, 0].get_legend_handles_labels()
-    bars = Patch(color=_BARS, label="samples rejected (right axis)")
-    figure.legend(
-        handles=[*lines, bars], loc="outside lower center", ncols=4, fontsize=9, frameon=False
-    )
+        shown = signal_panel(axis, record["per_step"])
+        axis.set_title(
+            f"{record['category']} {record['object']} {record['joint']}, trial {record['trial']}: "
+            f"{record['outcome']} ({row_label(str(record['method']), str(record['switches']))})",
+            fontsize=10,
+        )
+    figure.legend(handles=shown, loc="outside lower center", ncols=4, fontsize=9, frameon=False)
     save(figure, path)
 
 
-def _panel(axis: Any, record: Mapping[str, Any]) -> None:
-    signals = record["per_step"]
+def signal_panel(axis: Any, signals: Mapping[str, Sequence[Any]]) -> list[Any]:
+    """Signals of one trial over its steps, the `per_step` of its record, on an axis of matplotlib.
+
+    The bars of rejected samples get an axis of their own on the right.
+
+    Returns:
+        What a legend is to show.
+    """
     ratios = [float("nan") if r is None else float(r) for r in signals["open_ratio"]]
     steps = list(range(1, len(ratios) + 1))
     right = axis.twinx()
@@ -94,8 +101,5 @@ def _panel(axis: Any, record: Mapping[str, Any]) -> None:
     axis.set_xlabel("time step (pull)")
     axis.xaxis.get_major_locator().set_params(integer=True)
     tidy(axis)
-    axis.set_title(
-        f"{record['category']} {record['object']} {record['joint']}, trial {record['trial']}: "
-        f"{record['outcome']} ({row_label(str(record['method']), str(record['switches']))})",
-        fontsize=10,
-    )
+    lines, _ = axis.get_legend_handles_labels()
+    return [*lines, Patch(color=_BARS, label="samples rejected (right axis)")]

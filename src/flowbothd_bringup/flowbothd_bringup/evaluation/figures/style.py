@@ -39,6 +39,11 @@ _LINES = {
 _MOST_BYTES = 200_000
 
 
+def uses_history(method: str) -> bool:
+    """Whether the method is given what moved last; unknown methods may."""
+    return method not in ("flowbothd-nohistory", "flowbot3d-ro", "flowbot3d-md", "oracle", "random")
+
+
 def method_label(method: str) -> str:
     """The method in words; unknown ones as they are called."""
     return METHODS[method][0] if method in METHODS else method
