@@ -155,12 +155,13 @@ def _words(first: RowNumbers, others: Sequence[RowNumbers], found: Sequence[Comp
 
 
 _SAYS = {
-    "occlusion": "Where the leaf is seen edge-on, a prediction without history has nothing to go by.",
-    "multimodality": "Several answers of one closed object: by the paper's rule right and wrong ones "
-    "by mean error, by the released code's by cosine.",
+    "occlusion": "Where the leaf is seen edge-on, a prediction without history has little to go "
+    "by.",
+    "multimodality": "Several answers for one closed object: by the paper's rule right and wrong "
+    "ones by mean error, by the released code's by cosine.",
     "doors": "Best of several samples; the paper's numbers in brackets are of other doors.",
-    "history": "What the next prediction makes of no history, the true one, one of a good and one of "
-    "a bad prediction: why only what moved may be remembered.",
+    "history": "What the next prediction makes of no history, the true one, one of a good and one "
+    "of a bad prediction: why only what moved may be remembered.",
     "chains": "How one answer comes about.",
     "rollouts": "Whole runs: predicted flow, grasp and pull, and what the policy noticed.",
     "showcases": "Objects whose opening cannot be seen, with the answers that are drawn for them.",
