@@ -11,10 +11,11 @@ import pytest
 
 from flowbothd_bringup.graph import sim_motion_params
 from flowbothd_bringup.record import RunRecord
-from flowbothd_bringup.rollout.arm import arm_rollout
+from flowbothd_bringup.rollout.arm import ArmPolicyWorld, arm_rollout
 from flowbothd_bringup.scenes import scene_for
-from flowbothd_common.motion import JointTrajectory, RobotObservation
+from flowbothd_common.motion import JointTrajectory, MotionGoal, RobotObservation
 from flowbothd_common.types import SuctionReading
+from flowbothd_policy.events import Event
 from franka_suction_driver.params import MotionParams
 
 pytestmark = pytest.mark.long
@@ -240,6 +241,29 @@ def test_a_controller_that_rejects_in_silence_is_noticed(run_with: Callable) -> 
     assert "rejected the trajectory" in first["message"]
     assert world.sent > 0
     assert record.summary()["outcome"] != "opened"
+
+
+def test_a_goal_inside_the_table_moves_nothing_and_the_policy_goes_on(
+    run_with: Callable, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A camera that is calibrated too low sees the part inside the table; then it is put right."""
+    move = ArmPolicyWorld.move
+    sunk: list[MotionGoal] = []
+
+    def sinking(self: ArmPolicyWorld, goal: MotionGoal) -> list[Event]:
+        if goal.contact is not None and len(sunk) < 2:
+            goal = replace(goal, contact=goal.contact * [1, 1, 0] - [0, 0, 0.15])
+            sunk.append(goal)
+            self._world.happen()
+        return move(self, goal)
+
+    monkeypatch.setattr(ArmPolicyWorld, "move", sinking)
+    record, world = run_with(Disturbed)
+    first = [entry for entry in record.motions if entry["motion"] == "approach"][:2]
+    assert {entry["reason"] for entry in first} <= {"unreachable", "collision"}
+    assert all(entry["reached_fraction"] == 0 and entry["message"] for entry in first)
+    assert not any("table" in pair for pair in world.worst_contacts())
+    assert record.summary()["outcome"] == "opened"
 
 
 @pytest.mark.parametrize(("fault", "costs"), [(MissesBeats, False), (MissesManyBeats, True)])

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from typing import Any
@@ -194,6 +196,68 @@ def test_a_motion_ends_when_its_backend_does(ros: Any, fault: str) -> None:
     if fault == "reflex":
         assert "cartesian_reflex" in result.message
     assert not motion._core.busy
+    client.destroy()
+
+
+@pytest.fixture
+def start_process(monkeypatch: pytest.MonkeyPatch) -> Any:
+    """Starts hardware nodes as processes; none outlives the test."""
+    monkeypatch.setenv("ROS_DOMAIN_ID", str(DOMAIN))
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    started: list[subprocess.Popen] = []
+
+    def start(module: str, *parameters: str) -> subprocess.Popen:
+        given = [word for parameter in parameters for word in ("-p", parameter)]
+        command = [sys.executable, "-m", f"franka_suction_driver.{module}", "--ros-args", *given]
+        started.append(subprocess.Popen(command, stderr=subprocess.DEVNULL))
+        return started[-1]
+
+    yield start
+    for process in started:
+        process.kill()
+        process.wait(timeout=10)
+
+
+def test_killed_hardware_processes_end_the_motion_and_the_pump_is_known_to_be_lost(
+    ros: Any, start_process: Any
+) -> None:
+    """SIGKILL, no last words: what is left knows that arm and pump are gone, and says so."""
+    from rclpy.action import ActionClient
+
+    from flowbothd_interfaces.action import Approach
+    from flowbothd_interfaces.msg import SuctionState
+    from franka_suction_driver.motion_node import MotionNode
+    from franka_suction_driver.suction_node import SuctionNode
+
+    arm = start_process("arm_node", "backend:=recording", "heartbeat_timeout:=0.8")
+    pump = start_process("pump_node", "backend:=recording")
+    watched = {"watch_nodes": ["arm_node"], "ready_nodes": ["arm_node"]}
+    motion = ros.add(MotionNode, safety__speed_scale=0.5, input_timeout=0.4, **watched)
+    suction = ros.add(SuctionNode)
+    phases: list[int] = []
+    motion.create_subscription(SuctionState, "suction/state", lambda m: phases.append(m.state), 10)
+    client = ActionClient(motion, Approach, "motion/approach")
+    ros.until(client.server_is_ready, "the action server")
+    ros.until(lambda: not motion._inputs.stale(guarded=True), "arm and suction")
+    ros.until(lambda: bool(phases) and phases[-1] == SuctionState.OFF, "the pump")
+    goal = Approach.Goal()
+    goal.contact.x, goal.contact.y, goal.contact.z = 0.55, 0.1, 0.3
+    goal.direction.x = -1.0
+    _, future = ros.send(client, goal)
+
+    def speed() -> float:
+        seen = motion._inputs.observation()
+        return 0.0 if seen is None else float(np.abs(seen.velocities).max())
+
+    ros.until(lambda: speed() > 0.05, "the motion")
+    arm.kill()
+    pump.kill()
+    result = ros.result(future, seconds=10.0)
+    assert result.reason == "stale_input", result.message
+    assert "arm_node" in result.message or "joint_states" in result.message
+    assert not motion._core.busy
+    ros.until(lambda: phases[-1] == SuctionState.FAULT, "the pump's fault", seconds=5.0)
+    assert "no measurement" in suction._machine.status(time.monotonic()).message
     client.destroy()
 
 
