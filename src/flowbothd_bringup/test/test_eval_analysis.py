@@ -29,9 +29,16 @@ from flowbothd_bringup.evaluation.analysis.occlusion import (
     draw_occlusion,
     occlusion,
 )
+from flowbothd_bringup.evaluation.analysis.rollouts import (
+    _captioned,
+    _signals,
+    draw_rollout,
+    telling_runs,
+)
 from flowbothd_bringup.evaluation.analysis.run import ANALYSES, run_analyses
 from flowbothd_bringup.evaluation.analysis.setting import Setting, main_joint, most_occluded
 from flowbothd_bringup.evaluation.analysis.showcases import ways
+from flowbothd_bringup.rollout.floating import FLOATING_POLICY, floating_rollout
 from flowbothd_common.types import Cloud, History
 from flowbothd_model.checkpoint import Checkpoint
 from flowbothd_model.config import PRESETS
@@ -39,6 +46,7 @@ from flowbothd_model.data.articulated import ArticulatedObject, JointKind, LinkJ
 from flowbothd_model.data.procedural.catalogue import HELD_OUT_FROM, make
 from flowbothd_model.factory import build
 from flowbothd_model.predictor import Predictor
+from sim_bridge.objects.registry import load_object
 
 
 @dataclass
@@ -339,6 +347,48 @@ def test_the_arc_begins_and_ends_in_its_vectors():
     torch.testing.assert_close(arc[-1], end, atol=1e-4, rtol=1e-4)
     lengths = arc.norm(dim=1)
     assert float(lengths.min()) >= float(min(start.norm(), end.norm())) - 1e-4
+
+
+def test_a_run_is_told_by_its_pulls_and_what_they_reached(tmp_path: Path):
+    """The incident: signals of the floating gripper lagged a pull behind and ended at 0.8."""
+    model = load_object("cabinet_door", seed=1)
+    record = floating_rollout(model, FLOATING_POLICY)
+    assert record.summary()["success"]
+    reached = _signals(record)["open_ratio"]
+    assert len(reached) == record.summary()["steps"]
+    assert reached[0] > 0.05
+    assert reached[-1] == pytest.approx(record.open_ratio)
+    assert (np.diff(reached) > -1e-3).all()
+    shown = _captioned(record, 30)
+    pulls = [caption for caption, _ in shown if caption.startswith("pull")]
+    assert len(pulls) == len(reached)
+    assert shown[-1][0].startswith("opened")
+    assert len(_captioned(record, 3)) == 3
+    draw_rollout(model, record, tmp_path / "run.png")
+    assert 10_000 < (tmp_path / "run.png").stat().st_size <= 200_000
+
+
+def test_the_told_runs_are_the_easiest_and_the_hardest():
+    model = load_object("cabinet_door", seed=1)
+    runs = [(model, _Run(steps=s, grasps=g, success=ok)) for s, g, ok in _RUNS]
+    told = telling_runs(runs)  # type: ignore[arg-type]
+    assert [one.grasps for _, one in told] == [1, 4]
+    assert telling_runs([(model, _Run(0, 0, False))]) == []  # type: ignore[list-item]
+
+
+_RUNS = ((4, 2, True), (4, 1, True), (9, 4, True), (30, 9, False))
+
+
+@dataclass
+class _Run:
+    """What `telling_runs` reads of a record."""
+
+    steps: int
+    grasps: int
+    success: bool
+
+    def summary(self) -> dict[str, int]:
+        return {**vars(self), "resamples": 0}
 
 
 def test_without_weights_every_analysis_says_why_it_was_skipped(tmp_path: Path):

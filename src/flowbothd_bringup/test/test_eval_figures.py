@@ -26,6 +26,7 @@ def trial(
     grasps: int = 1,
     number: int = 0,
     mask: str = "truth",
+    policy: str = "paper",
     seed: int = 0,
 ) -> dict[str, Any]:
     """A record as `flowbothd eval` writes it, with signals drawn from a seed."""
@@ -40,6 +41,7 @@ def trial(
         "method": method,
         "switches": switches,
         "target_mask": mask,
+        "policy": policy,
         "weights": "compact",
         "seed": seed,
         "outcome": "opened" if (ratios and ratios[-1] > 0.9) else "gave_up",
@@ -164,10 +166,11 @@ def test_all_figures_are_drawn_legible_and_small(tmp_path: Path):
     records: list[Mapping[str, Any]] = [
         *run_of_records(),
         *(trial([0.4, 0.95], mask="none", number=k) for k in range(3)),
+        *(trial([0.3, 0.95], policy="robot", number=k) for k in range(3)),
     ]
     figures = draw_all(records, tmp_path / "figures")
     names = [path.name for _, path in figures]
-    assert len(names) == len(set(names)) == 8
+    assert len(names) == len(set(names)) == 12
     for title, path in figures:
         assert title
         assert path.stat().st_size <= 200_000
@@ -180,6 +183,16 @@ def test_trials_without_a_pull_are_drawn_too(tmp_path: Path):
     """A run in which nothing was touched must give a report, not an error."""
     assert len(draw_all([trial([])], tmp_path)) == 3
     assert draw_all([], tmp_path) == []
+
+
+def test_links_that_the_truth_does_not_open_are_not_counted(tmp_path: Path):
+    shut = trial([])
+    shut["outcome"] = "unopenable_with_ground_truth"
+    assert draw_all([shut], tmp_path) == []
+    draw_all([trial([0.95]), shut], tmp_path / "with")
+    draw_all([trial([0.95])], tmp_path / "without")
+    for path in (tmp_path / "with").iterdir():
+        assert path.read_bytes() == (tmp_path / "without" / path.name).read_bytes()
 
 
 def test_missing_values_leave_a_gap(tmp_path: Path):

@@ -162,11 +162,8 @@ class _Stage:
 def _signals(record: RunRecord) -> dict[str, list[Any]]:
     """The signals of a run as the `per_step` of a record of the evaluation."""
     signals = step_signals(record)
-    # The floating gripper pulls in one go, so that the state at a pull's decision is the one
-    # before the pull: what it reached is what the next one began with.
-    reached = [s.open_ratio for s in signals[1:]] + [record.open_ratio] * bool(signals)
     return {
-        "open_ratio": reached,
+        "open_ratio": [s.open_ratio for s in signals],
         "history_updated": [s.history_updated for s in signals],
         "grasp_switched": [s.grasp_switched for s in signals],
         "consistency_trials": [s.trials for s in signals],
