@@ -60,11 +60,15 @@ def part_motion(result: MotionResult, params: PolicyParams) -> Array:
     return np.zeros(3)
 
 
-def remember(memory: Memory, motion: Array, seen: History, params: PolicyParams) -> Memory:
+def remember(
+    memory: Memory, motion: Array, pull: Array, seen: History, params: PolicyParams
+) -> Memory:
     """Algorithm 1's last block: what one executed step leaves behind.
 
     With the history filter off every step's prediction is remembered; the consistency direction
-    is kept under the same rule in both cases.
+    is kept under the same rule in both cases. A part may give way across the pull: a drawer that
+    is lifted slides out a little. That motion is true, but what was predicted is not, and a
+    network that is told it as history repeats it.
     """
     length = float(np.linalg.norm(motion))
     consistent = length > 0 and (
@@ -75,7 +79,8 @@ def remember(memory: Memory, motion: Array, seen: History, params: PolicyParams)
     if counts:
         earlier = earlier if direction is None else (*earlier, direction)
         direction = motion
-    update = not params.history_filter or (consistent and length > params.epsilon_m)
+    borne_out = consistent and angle_between(motion, pull) <= params.history_agreement
+    update = not params.history_filter or (borne_out and length > params.epsilon_m)
     return Memory(direction, earlier, seen if update else memory.history, update)
 
 

@@ -150,7 +150,7 @@ def account(turn: Turn, result: MotionResult) -> tuple[Array, bool]:
     memory, travel = state.memory, state.travel
     if state.choice is not None and state.observation is not None:
         seen = History(state.observation.points, state.choice.flow)
-        memory = remember(memory, motion, seen, params)
+        memory = remember(memory, motion, state.pull, seen, params)
         turn.updated = memory.updated
         screw = state.choice.grasp.screw
         start = result.tool_start[:3, 3].astype(float)

@@ -199,6 +199,14 @@ class PolicyParams:
         minimum=0.0,
         maximum=math.pi,
     )
+    history_agreement: float = parameter(
+        math.radians(60.0),
+        "largest angle between the pull and the motion that came of it for the prediction to be "
+        "remembered: what moved in spite of a prediction does not speak for it; pi = the paper "
+        "[rad]",
+        minimum=0.0,
+        maximum=math.pi,
+    )
     epsilon_m: float = parameter(
         0.01, "tool motion below this is no motion of the part [m]", minimum=0.0, maximum=1.0
     )

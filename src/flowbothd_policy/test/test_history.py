@@ -12,6 +12,7 @@ from flowbothd_policy.history import Memory, is_consistent, part_motion, remembe
 from flowbothd_policy.params import PolicyParams
 
 PARAMS = PolicyParams()
+ALONG_X = np.array([1.0, 0, 0])
 SEEN = History(np.ones((3, 3), np.float32), np.zeros((3, 3), np.float32))
 
 
@@ -45,14 +46,26 @@ def test_rigid_grippers_keep_every_motion():
 
 
 def test_accepted_motion_updates_both():
-    memory = remember(Memory(), np.array([0.05, 0, 0]), SEEN, PARAMS)
+    memory = remember(Memory(), np.array([0.05, 0, 0]), ALONG_X, SEEN, PARAMS)
     assert memory.updated
     assert memory.history is SEEN
     np.testing.assert_array_equal(memory.direction, (0.05, 0, 0))
 
 
+def test_a_prediction_that_the_motion_does_not_bear_out_is_not_remembered():
+    """The incident: a drawer that was lifted slid out 1.5 cm, and "up" became its history."""
+    across = remember(Memory(), np.array([0.015, 0, 0]), np.array([0, 0, 1.0]), SEEN, PARAMS)
+    assert across.history is None and not across.updated
+    np.testing.assert_array_equal(across.direction, (0.015, 0, 0))
+    paper = replace(PARAMS, history_agreement=np.pi)
+    assert remember(Memory(), np.array([0.015, 0, 0]), np.array([0, 0, 1.0]), SEEN, paper).updated
+    # A pull straight out of a leaf that has turned by 45 degrees is as right as it can be.
+    slanted = np.array([1.0, 1.0, 0]) / np.sqrt(2)
+    assert remember(Memory(), np.array([0.05, 0, 0]), slanted, SEEN, PARAMS).updated
+
+
 def test_small_motion_updates_the_direction_alone():
-    memory = remember(Memory(), np.array([0.009, 0, 0]), SEEN, PARAMS)
+    memory = remember(Memory(), np.array([0.009, 0, 0]), ALONG_X, SEEN, PARAMS)
     assert not memory.updated
     assert memory.history is None
     assert memory.direction is not None
@@ -62,7 +75,7 @@ def test_no_motion_and_backward_motion_change_nothing():
     before = Memory(np.array([0.05, 0, 0]), (), SEEN)
     other = History(np.zeros((2, 3), np.float32), np.zeros((2, 3), np.float32))
     for motion in (np.zeros(3), np.array([-0.05, 0, 0])):
-        after = remember(before, motion, other, PARAMS)
+        after = remember(before, motion, motion, other, PARAMS)
         assert after.history is SEEN
         np.testing.assert_array_equal(after.direction, before.direction)
         assert not after.updated
@@ -70,7 +83,7 @@ def test_no_motion_and_backward_motion_change_nothing():
 
 def test_filter_off_remembers_every_step():
     off = replace(PARAMS, history_filter=False)
-    after = remember(Memory(np.array([0.05, 0, 0])), np.zeros(3), SEEN, off)
+    after = remember(Memory(np.array([0.05, 0, 0])), np.zeros(3), ALONG_X, SEEN, off)
     assert after.updated
     assert after.history is SEEN
     np.testing.assert_array_equal(after.direction, (0.05, 0, 0))
@@ -88,14 +101,15 @@ def test_consistency_is_thirty_degrees():
 def test_jitter_may_be_kept_from_the_direction():
     """With compliance 0 a failed step's 1 mm would bind all later samples to its direction."""
     careful = replace(PARAMS, consistency_min_motion=0.005)
-    assert remember(Memory(), np.array([0.001, 0, 0]), SEEN, careful).direction is None
-    assert remember(Memory(), np.array([0.001, 0, 0]), SEEN, PARAMS).direction is not None
+    assert remember(Memory(), np.array([0.001, 0, 0]), ALONG_X, SEEN, careful).direction is None
+    assert remember(Memory(), np.array([0.001, 0, 0]), ALONG_X, SEEN, PARAMS).direction is not None
 
 
 def test_a_part_that_fell_back_may_move_as_it_did_before():
     """The incident: a lid shut itself when released, and all 50 samples were 37 degrees off."""
-    memory = remember(Memory(), np.array([0, 0, 0.05]), SEEN, PARAMS)
-    memory = remember(memory, 0.05 * np.array([np.sin(0.7), 0, np.cos(0.7)]), SEEN, PARAMS)
+    memory = remember(Memory(), np.array([0, 0, 0.05]), np.array([0, 0, 1.0]), SEEN, PARAMS)
+    turned = np.array([np.sin(0.7), 0, np.cos(0.7)])
+    memory = remember(memory, 0.05 * turned, turned, SEEN, PARAMS)
     shut = np.array([0, 0, 1.0])
     assert not is_consistent(shut, memory, PARAMS, attached=True)[0]
     assert is_consistent(shut, memory, PARAMS, attached=False)[0]

@@ -122,6 +122,7 @@ def policy_params(
         reject_failed_directions=False,
         occluded_leverage_from_screw=False,
         recontact_consistency="last",
+        history_agreement=np.pi,
         grasp=GraspParams(edge_margin=0.0, direction="flow", normal_angle=0.0),
     )
 
