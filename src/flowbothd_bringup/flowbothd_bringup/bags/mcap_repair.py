@@ -126,6 +126,11 @@ def repair(path: Path) -> McapIndex:
     """
     index, end = McapIndex(), len(MAGIC)
     for piece in pieces(path):
+        if isinstance(piece.record, Message):
+            raise BagError(
+                f"{path} has messages outside of chunks, which no index can name",
+                hint="it is read as it is; `mcap recover` of the mcap tools completes it",
+            )
         _collect(index, piece)
         end = piece.offset + piece.length
     if end == len(MAGIC):

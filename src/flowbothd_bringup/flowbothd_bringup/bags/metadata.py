@@ -175,7 +175,7 @@ def read_metadata(folder: Path) -> Metadata:
         return _parse(information)
     except FileNotFoundError:
         raise BagError(f"{folder} has no {FILE}") from None
-    except (yaml.YAMLError, KeyError, TypeError, ValueError, UnicodeDecodeError) as error:
+    except (yaml.YAMLError, KeyError, TypeError, ValueError, AttributeError) as error:
         raise BagError(f"{path} is not the metadata of a rosbag2 recording", got=error) from error
 
 

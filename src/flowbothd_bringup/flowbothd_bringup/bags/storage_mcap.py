@@ -91,6 +91,11 @@ class McapStorage:
         )
 
     @property
+    def indexed(self) -> bool:
+        """Whether it has an index, as a file has that was closed."""
+        return self._summary is not None
+
+    @property
     def counts(self) -> dict[str, int]:
         """Messages by topic."""
         if self._counts is None:

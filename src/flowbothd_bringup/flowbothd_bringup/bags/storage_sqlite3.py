@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
+import shutil
 import sqlite3
+from collections import Counter
 from collections.abc import Iterator
+from contextlib import closing
 from pathlib import Path
 
 from flowbothd_bringup.bags.metadata import BagError, Topic, parse_qos
+from flowbothd_bringup.bags.unpack import temporary_copy
+
+_HEADER = 100
+"""Bytes of a database's header: sizes of pages at 16, how many at 28."""
 
 
 class SqliteStorage:
@@ -20,12 +27,20 @@ class SqliteStorage:
     """
 
     def __init__(self, path: Path) -> None:
-        self._path = path
+        self._path, self._cut = path, False
         self.topics: dict[str, Topic] = {}
         self.problems: list[str] = []
         self._names: dict[int, str] = {}
+        page, whole = _sizes(path)
+        missing = whole - path.stat().st_size
+        if missing > 0:
+            # sqlite opens nothing that is shorter than its header says.
+            self._path, self._cut = _lengthened(path, page, whole), True
+            self.problems.append(
+                f"{path.name} is cut off ({missing / 1e6:.1f} MB are missing); read up to there"
+            )
         try:
-            with self._connect() as database:
+            with closing(self._connect()) as database:
                 self._read_topics(database)
         except sqlite3.Error as error:
             raise BagError(
@@ -63,28 +78,36 @@ class SqliteStorage:
         """Messages by topic."""
         query = "SELECT topic_id, COUNT(*) FROM messages GROUP BY topic_id"
         try:
-            with self._connect() as database:
+            with closing(self._connect()) as database:
                 return {self._names[number]: count for number, count in database.execute(query)}
-        except sqlite3.Error as error:
-            self._damaged(error)
-            return {}
+        except sqlite3.Error:
+            return dict(Counter(name for name, _, _ in self.messages(frozenset(self.topics))))
 
     def messages(self, topics: frozenset[str]) -> Iterator[tuple[str, int, bytes]]:
-        """Topic, receive time and content of every message of the topics, in time order."""
+        """Topic, receive time and content of every message of the topics, in time order.
+
+        Of a file that is cut off they come in the order in which they were written: the index of
+        times lies at its end.
+        """
         numbers = [n for n, name in self._names.items() if name in topics]
         marks = ", ".join("?" * len(numbers))
+        source, order = "messages", "timestamp, id"
+        if self._cut:
+            source, order = "messages NOT INDEXED", "id"
         query = (
-            f"SELECT topic_id, timestamp, data FROM messages WHERE topic_id IN ({marks}) "
-            "ORDER BY timestamp, id"
+            f"SELECT topic_id, timestamp, data FROM {source} WHERE topic_id IN ({marks}) "
+            f"ORDER BY {order}"
         )
         try:
-            with self._connect() as database:
+            with closing(self._connect()) as database:
                 for number, time, data in database.execute(query, numbers):
                     yield self._names[number], time, data
         except sqlite3.Error as error:
             self._damaged(error)
 
     def _damaged(self, error: sqlite3.Error) -> None:
+        if self._cut:
+            return
         text = f"{self._path.name} is damaged ({error}); read up to there"
         if text not in self.problems:
             self.problems.append(text)
@@ -92,3 +115,26 @@ class SqliteStorage:
     def attachments(self) -> dict[str, bytes]:
         """None: the format has no place for files."""
         return {}
+
+
+def _sizes(path: Path) -> tuple[int, int]:
+    """Bytes of a page and of the whole database, as its header says; zeros if it does not."""
+    with path.open("rb") as file:
+        header = file.read(_HEADER)
+    # The number of pages is valid only if it was written with the last change.
+    if not header.startswith(b"SQLite format 3") or header[24:28] != header[92:96]:
+        return 0, 0
+    page = int.from_bytes(header[16:18], "big")
+    page = 65536 if page == 1 else page
+    return page, page * int.from_bytes(header[28:32], "big")
+
+
+def _lengthened(path: Path, page: int, whole: int) -> Path:
+    """A copy with zeros where the rest was: reading stops at the first page that is not there."""
+    copy = temporary_copy(path.name)
+    shutil.copyfile(path, copy)
+    with copy.open("r+b") as file:
+        # Of half a page some rows would be zeros, and seem to have never been.
+        file.truncate(path.stat().st_size // page * page)
+        file.truncate(whole)
+    return copy

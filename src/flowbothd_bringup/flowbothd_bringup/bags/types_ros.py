@@ -10,6 +10,12 @@ from flowbothd_bringup.bags.metadata import BagError
 _FEEDBACK = "_FeedbackMessage"
 
 
+def type_of(cls: Any) -> str:
+    """Name of a message class, such as ``sensor_msgs/msg/Image``."""
+    package, group = cls.__module__.split(".")[:2]
+    return f"{package}/{group}/{cls.__name__}"
+
+
 def message_class(kind: str) -> Any:
     """Class of a type such as ``sensor_msgs/msg/Image``.
 

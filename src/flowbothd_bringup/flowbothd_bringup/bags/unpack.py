@@ -19,15 +19,20 @@ def unpacked(path: Path, problems: list[str]) -> Path:
     """
     if path.suffix not in PACKED:
         return path
-    folder = tempfile.mkdtemp(prefix="flowbothd-bag-")
-    weakref.finalize(_KEEPER, shutil.rmtree, folder, ignore_errors=True)
-    target = Path(folder) / path.stem
+    target = temporary_copy(path.stem)
     with path.open("rb") as source, target.open("wb") as sink:
         try:
             zstandard.ZstdDecompressor().copy_stream(source, sink)
         except zstandard.ZstdError as error:
             problems.append(f"{path.name} is damaged ({error}); what can be unpacked is used")
     return target
+
+
+def temporary_copy(name: str) -> Path:
+    """Where a file of this name can be put that lives as long as the process."""
+    folder = tempfile.mkdtemp(prefix="flowbothd-bag-")
+    weakref.finalize(_KEEPER, shutil.rmtree, folder, ignore_errors=True)
+    return Path(folder) / name
 
 
 class _Keeper:

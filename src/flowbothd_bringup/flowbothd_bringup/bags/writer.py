@@ -7,9 +7,10 @@ from pathlib import Path
 
 from flowbothd_bringup.bags.definitions import definition
 from flowbothd_bringup.bags.mcap_index import McapIndex
-from flowbothd_bringup.bags.mcap_repair import repair
+from flowbothd_bringup.bags.mcap_repair import is_complete, repair
 from flowbothd_bringup.bags.mcap_writer import FAST, SMALL, McapWriter
 from flowbothd_bringup.bags.metadata import (
+    FILE,
     BagError,
     Metadata,
     Topic,
@@ -18,6 +19,7 @@ from flowbothd_bringup.bags.metadata import (
     read_metadata,
     write_metadata,
 )
+from flowbothd_bringup.bags.storage_mcap import McapStorage
 
 
 class BagWriter:
@@ -168,7 +170,7 @@ def _fill(metadata: Metadata, index: McapIndex) -> None:
 
 
 def recover(folder: Path) -> int:
-    """Complete a recording whose writer was killed.
+    """Complete a recording whose writer was killed; one that is complete stays as it is.
 
     Returns:
         Messages that are in it.
@@ -180,6 +182,11 @@ def recover(folder: Path) -> int:
     if not files or not files[0].is_file():
         raise BagError(f"{folder} holds no mcap file", hint="sqlite3 recordings need no completion")
     total = 0
+    whole = [McapStorage(file) for file in files if is_complete(file)]
+    described = folder.is_file() or (folder / FILE).is_file()
+    if described and len(whole) == len(files) and all(storage.indexed for storage in whole):
+        # Cutting it back to the first damage would only take away from it.
+        return sum(sum(storage.counts.values()) for storage in whole)
     for file in files:
         index = repair(file)
         file.with_name(file.name + ".reserve").unlink(missing_ok=True)

@@ -39,13 +39,22 @@ def seconds(stamp: Stamp) -> float:
     return stamp[0] + 1e-9 * stamp[1]
 
 
-def topic_called(bag: Bag, name: str) -> str | None:
+def topic_called(bag: Bag, name: str, kind: str = "") -> str | None:
     """The topic of a recording that ends in a relative name; None if there is none.
+
+    Args:
+        bag: The recording.
+        name: Relative, such as ``policy/events``.
+        kind: Its type; a topic of another one is somebody else's. Empty = any.
 
     Raises:
         BagError: several, as of two robots in namespaces.
     """
-    found = [topic for topic in bag.topics if topic == f"/{name}" or topic.endswith(f"/{name}")]
+    found = [
+        topic.name
+        for topic in bag.topics.values()
+        if topic.name.endswith(f"/{name}") and kind in ("", topic.type)
+    ]
     if len(found) > 1:
         raise BagError(f"{bag.path} has several topics called {name}", got=", ".join(found))
     return found[0] if found else None
@@ -114,14 +123,19 @@ def read_story(bag: Bag, span: Span | None = None) -> Story:
         BagError: the parameters in it cannot be read, or a message is damaged.
     """
     story = Story()
-    takers: dict[str, Callable[[Any], None]] = {
-        INPUTS: story.inputs.append,
-        EVENTS: story.events.append,
-        CLOUD: lambda m: story.clouds.update({key(m.header.stamp): _points(m)}),
-        PREDICTION: lambda m: story.predictions[key(m.header.stamp), m.seed].append(m),
-        TRUTH: lambda m: _take_truth(story, m),
+    ours = "flowbothd_interfaces"
+    takers: dict[tuple[str, str], Callable[[Any], None]] = {
+        (INPUTS, f"{ours}/msg/PolicyInput"): story.inputs.append,
+        (EVENTS, f"{ours}/msg/PolicyEvent"): story.events.append,
+        (CLOUD, "sensor_msgs/msg/PointCloud2"): lambda m: story.clouds.update(
+            {key(m.header.stamp): _points(m)}
+        ),
+        (PREDICTION, f"{ours}/msg/FlowPrediction"): lambda m: story.predictions[
+            key(m.header.stamp), m.seed
+        ].append(m),
+        (TRUTH, f"{ours}/srv/GroundTruthFlow_Event"): lambda m: _take_truth(story, m),
     }
-    found = {topic_called(bag, name): taker for name, taker in takers.items()}
+    found = {topic_called(bag, *which): taker for which, taker in takers.items()}
     names: dict[str, Callable[[Any], None]] = {t: f for t, f in found.items() if t is not None}
     for message in bag.messages(names, span):
         names[message.topic](decoded(bag, message))
@@ -129,17 +143,33 @@ def read_story(bag: Bag, span: Span | None = None) -> Story:
     story.inputs.sort(key=lambda m: m.sequence)
     files = bag.attachments()
     story.parameters = stored_parameters(files)
-    story.weights = yaml.safe_load(files.get(about.WEIGHTS, b"")) or {}
+    story.weights = _mapping(files, about.WEIGHTS)
     return story
 
 
 def stored_parameters(files: dict[str, bytes]) -> dict[str, dict[str, Any]]:
-    """Node -> parameter -> value from the files of a recording; empty if they are not in it."""
-    content = yaml.safe_load(files.get(about.PARAMETERS, b"")) or {}
+    """Node -> parameter -> value from the files of a recording; empty if they are not in it.
+
+    Raises:
+        BagError: they are not what the recorder writes.
+    """
+    content = _mapping(files, about.PARAMETERS)
     return {
         node.rsplit("/", maxsplit=1)[-1]: flat_parameters(entry["ros__parameters"])
         for node, entry in content.items()
+        if isinstance(entry, dict) and isinstance(entry.get("ros__parameters"), dict)
     }
+
+
+def _mapping(files: dict[str, bytes], name: str) -> dict[str, Any]:
+    try:
+        content = yaml.safe_load(files.get(name, b"")) or {}
+    except yaml.YAMLError as error:
+        first = str(error).splitlines()[0]
+        raise BagError(f"{name} in the recording is damaged", got=first) from error
+    if not isinstance(content, dict):
+        raise BagError(f"{name} in the recording is not what `flowbothd record` writes")
+    return content
 
 
 def _points(message: Any) -> Cloud:

@@ -34,7 +34,7 @@ class LiveView(Node):
     def _look(self) -> None:
         self._graph.look()
         for name, kinds in self.get_topic_names_and_types():
-            if name in self._hear or not self._view.wants(name):
+            if name in self._hear or not self._view.wants(name, kinds[0]):
                 continue
             offers = [offer.qos_profile for offer in self.get_publishers_info_by_topic(name)]
             if offers:

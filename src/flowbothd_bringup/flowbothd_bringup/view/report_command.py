@@ -11,6 +11,7 @@ from typing import Any
 from flowbothd_bringup.bags import about
 from flowbothd_bringup.bags.metadata import BagError
 from flowbothd_bringup.bags.reader import Bag
+from flowbothd_bringup.bags.types_ros import type_of
 from flowbothd_bringup.record import RunRecord
 from flowbothd_bringup.report import write_report
 from flowbothd_bringup.scenes import Scene, scene_for
@@ -27,16 +28,16 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 class _Ears:
-    """Stands where a node would be: keeps callbacks by the ends of the names of topics."""
+    """Stands where a node would be: keeps callbacks by the ends of names and types of topics."""
 
     def __init__(self) -> None:
-        self.callbacks: dict[str, Callable[[Any], None]] = {}
+        self.callbacks: dict[tuple[str, str], Callable[[Any], None]] = {}
 
     def create_subscription(
         self, kind: Any, topic: str, callback: Callable[[Any], None], profile: Any
     ) -> str:
         """Remember who wants a topic."""
-        self.callbacks[topic] = callback
+        self.callbacks[topic, type_of(kind)] = callback
         return topic
 
 
@@ -60,7 +61,7 @@ def record_of(bag: Bag) -> RunRecord:
     )
     ears = _Ears()
     collector = Collector(ears, record, ARM_JOINTS)
-    names = {topic_called(bag, name): take for name, take in ears.callbacks.items()}
+    names = {topic_called(bag, *which): take for which, take in ears.callbacks.items()}
     present = {name: take for name, take in names.items() if name is not None}
     times = []
     for message in bag.messages(present):

@@ -36,6 +36,22 @@ _PERIODS = {
 }
 """Least time between two that are shown [s]; a screen shows no more, and files stay small."""
 
+_TYPES = {
+    "robot_description": "std_msgs/msg/String",
+    "joint_states": "sensor_msgs/msg/JointState",
+    "depth/camera_info": "sensor_msgs/msg/CameraInfo",
+    "depth/image_raw": "sensor_msgs/msg/Image",
+    "object_cloud": "sensor_msgs/msg/PointCloud2",
+    "debug/robot": "sensor_msgs/msg/PointCloud2",
+    "debug/outliers": "sensor_msgs/msg/PointCloud2",
+    "flow/prediction": "flowbothd_interfaces/msg/FlowPrediction",
+    "policy/events": "flowbothd_interfaces/msg/PolicyEvent",
+    "suction/state": "flowbothd_interfaces/msg/SuctionState",
+    "external_wrench": "geometry_msgs/msg/WrenchStamped",
+    "sim/state": "flowbothd_interfaces/msg/SimState",
+}
+"""What is shown; a topic of the same name and another type is somebody else's."""
+
 
 class RunView:
     """Shows a run.
@@ -80,9 +96,10 @@ class RunView:
         """Ends of the names of topics that are shown."""
         return tuple(self._handlers)
 
-    def wants(self, topic: str) -> bool:
-        """Whether a topic is shown."""
-        return self._name(topic) is not None
+    def wants(self, topic: str, kind: str) -> bool:
+        """Whether a topic of a type is shown."""
+        name = self._name(topic)
+        return name is not None and kind == _TYPES[name]
 
     def show(self, topic: str, message: Any) -> None:
         """Show a message, unless one of its kind was shown just before."""

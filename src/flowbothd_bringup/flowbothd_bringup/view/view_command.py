@@ -60,11 +60,15 @@ def run(arguments: argparse.Namespace) -> int:
         return _live(arguments)
     bag = Bag(Path(arguments.what))
     span = Span(arguments.begin, arguments.end)
-    for problem in bag.problems:
+    known = list(bag.problems)
+    for problem in known:
         sys.stderr.write(f"flowbothd: {problem}\n")
     recording = _recording(arguments.save)
     shown = show_bag(bag, recording, span)
     recording.flush()
+    for problem in bag.problems[len(known) :]:
+        # Found on the way: damage shows only where it is read.
+        sys.stderr.write(f"flowbothd: {problem}\n")
     if arguments.save is not None:
         size = arguments.save.stat().st_size / 1e6
         sys.stdout.write(f"{arguments.save}: {shown} messages, {size:.1f} MB\n")
@@ -109,7 +113,7 @@ def show_bag(bag: Bag, recording: Any, span: Span | None = None) -> int:
 
     parameters = stored_parameters(bag.attachments()).get("perception_node", {})
     view = RunView(recording, camera_pose(parameters))
-    topics = [name for name in bag.topics if view.wants(name)]
+    topics = [topic.name for topic in bag.topics.values() if view.wants(topic.name, topic.type)]
     if not topics:
         raise BagError(
             f"{bag.path} holds nothing to show", got=", ".join(bag.topics) or "no topics"
