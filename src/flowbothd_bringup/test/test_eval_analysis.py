@@ -13,6 +13,7 @@ import pytest
 pytest.importorskip("torch")
 import torch
 
+from flowbothd_bringup.evaluation.analysis import inputs
 from flowbothd_bringup.evaluation.analysis.chains import AmbiguousDoor, _arc, chains
 from flowbothd_bringup.evaluation.analysis.doors import (
     PAPER,
@@ -44,6 +45,7 @@ from flowbothd_model.checkpoint import Checkpoint
 from flowbothd_model.config import PRESETS
 from flowbothd_model.data.articulated import ArticulatedObject, JointKind, LinkJoint
 from flowbothd_model.data.procedural.catalogue import HELD_OUT_FROM, make
+from flowbothd_model.data.splits import NEVER_TRAINED_ON, held_out_ids
 from flowbothd_model.factory import build
 from flowbothd_model.predictor import Predictor
 from sim_bridge.objects.registry import load_object
@@ -408,6 +410,15 @@ def test_an_unknown_analysis_is_refused_with_the_known_ones(tmp_path: Path):
 def test_missing_weights_are_named():
     with pytest.raises(MissingInputError, match="no weights given for flowbothd"):
         Inputs(None, {}).main()
+
+
+def test_no_object_of_the_analyses_was_ever_trained_on():
+    named = [*inputs._DOORS, *inputs._MORE_OCCLUDED, *inputs._FURNITURE]
+    named += [*inputs._HALF_OPEN, *inputs._MORE_HALF_OPEN]
+    named += [name for names in inputs._OCCLUDED.values() for name in names]
+    assert set(named) <= {*held_out_ids(), *NEVER_TRAINED_ON}
+    made = inputs.Inputs(None, {}).closed(small=True)
+    assert all(int(s.item.name.rpartition("-")[2]) >= HELD_OUT_FROM for s in made)
 
 
 @pytest.mark.long

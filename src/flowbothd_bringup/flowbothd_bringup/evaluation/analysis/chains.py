@@ -144,7 +144,7 @@ def chains(
     data = {
         "what": "agreement (cosine of the whole field) with each of the four modes of one closed "
         "door, along the way to an answer; along: " + found.axis,
-        "model": f"{config.name}, {config.sampling_steps} step(s)",
+        "model": f"{config.name}, {config.sampling_steps} step" + "s" * (config.sampling_steps > 1),
         "tries": tries,
         "seed": seed,
         "modes": names,

@@ -31,7 +31,7 @@ COMPARED = ("flowbothd", "flowbot3d-ro", "flowbot3d-md")
 """The methods that the paper's analyses compare."""
 
 _DOORS = ("8994", "8983", "9117")
-_OCCLUDED = {"Door": ("8994",), "Refrigerator": ("10905",), "StorageFurniture": ("48381",)}
+_OCCLUDED = {"Door": ("8994", "9117"), "Refrigerator": ("10905",), "StorageFurniture": ("48381",)}
 _MORE_OCCLUDED = ("9117", "12036", "49182")
 _HALF_OPEN = ("12553", "8994", "48381", "10905", "101940")
 _MORE_HALF_OPEN = ("8983", "9117", "12036", "49182", "7167", "22339", "46481", "102309")
@@ -80,7 +80,7 @@ class Inputs:
     @property
     def has_partnet(self) -> bool:
         """Whether there is any PartNet-Mobility object."""
-        return self._folder("8994") is not None or self._folder("12553") is not None
+        return any(self._folder(name) is not None for name in (*_DOORS, *_FURNITURE))
 
     @property
     def remembering(self) -> list[str]:
@@ -122,7 +122,9 @@ class Inputs:
         for number, (category, names) in enumerate(_OCCLUDED.items()):
             found = self._found(names, category if category == "Door" else None)
             chosen.append(found[0] if found else self.made(category, number))
-        return chosen if small else [*chosen, *self._found(_MORE_OCCLUDED)]
+        names = {setting.item.name for setting in chosen}
+        more = [s for s in self._found(_MORE_OCCLUDED) if s.item.name not in names]
+        return chosen if small else [*chosen, *more]
 
     def closed(self, small: bool) -> list[Setting]:
         """Doors, and objects of other categories."""
@@ -144,7 +146,7 @@ class Inputs:
         """The paper's three kinds of ambiguous objects, and a part seen edge-on."""
         furniture = self._found(("48381",)) or [self.made("StorageFurniture", 1)]
         dishwasher = self._found(("12553",)) or [self.made("Dishwasher", 0)]
-        door = self._found(("8994",), "Door") or [self.made("Door", 1)]
+        door = self._found(("8994", "9117"), "Door") or [self.made("Door", 1)]
         return [
             Showcase(
                 "No handle: push or pull, hinge left or right", AmbiguousDoor.make(seed).setting
@@ -155,11 +157,12 @@ class Inputs:
         ]
 
     def rollout_models(self) -> list[ObjectModel]:
-        """Objects for runs of the policy: PartNet's door, or the furniture that needs no files."""
-        folder = self._folder("8994")
-        if folder is None:
-            return [load_object("cabinet_door", seed=1)]
-        return [load_object(folder).with_target("joint_2")]
+        """The object for runs of the policy: a PartNet door, or furniture that needs no files."""
+        for name, joint in (("8994", "joint_2"), ("9117", "joint_1")):
+            folder = self._folder(name)
+            if folder is not None:
+                return [load_object(folder).with_target(joint)]
+        return [load_object("cabinet_door", seed=1)]
 
     def made(self, category: str, number: int) -> Setting:
         """A held-out object by rule."""

@@ -25,6 +25,7 @@ from flowbothd_bringup.evaluation.analysis import (
 from flowbothd_bringup.evaluation.analysis.inputs import Inputs, MissingInputError
 from flowbothd_bringup.evaluation.analysis.picture import label_of
 from flowbothd_bringup.record import write_json
+from flowbothd_common.errors import FlowBotError
 
 _log = logging.getLogger(__name__)
 
@@ -88,7 +89,7 @@ def run_analyses(
             try:
                 data, figures = analyse(_Task(inputs, out, seed, small))
                 entry: dict[str, Any] = {"data": data, "figures": figures}
-            except MissingInputError as error:
+            except FlowBotError as error:
                 entry = {"skipped": str(error)}
             entry["seconds"] = round(time.monotonic() - started, 1)
             _log.info("%s: %s s", name, entry["seconds"])
@@ -169,10 +170,10 @@ def _chains(task: _Task) -> Result:
     for name, file in (("flowbothd", "chains.png"), ("diffusion", "denoising.png")):
         try:
             checkpoint = task.inputs.checkpoint(name)
-        except MissingInputError as error:
+            data[name], found = chains.chains(checkpoint, door, seed=task.seed)
+        except (MissingInputError, ValueError) as error:
             data[name] = {"skipped": str(error)}
             continue
-        data[name], found = chains.chains(checkpoint, door, seed=task.seed)
         chains.draw_chains(data[name], found, door, task.out / file)
         what = "Denoising" if name == "diffusion" else "From chance to an answer"
         figures.append((f"{what}: one closed door, several modes", file))
