@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import subprocess
 import sys
+import time
 from pathlib import Path
 
 import numpy as np
@@ -107,12 +108,73 @@ def test_a_recording_becomes_a_rerun_file_with_everything_in_it(bag, tmp_path):
 
     file = tmp_path / "run.rrd"
     assert save_bag(Bag(bag), file) == 12
-    tool = Path(sys.executable).with_name("rerun")
-    command = [str(tool), "rrd", "print", str(file)]
-    listing = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    listing = listed(file)
     for path in (at.CAMERA, at.OBJECT, at.SAMPLES, at.CHOSEN, at.GRASP, at.PATH, at.DECISIONS):
         assert path in listing, path
     for path in (at.OPENING, at.VACUUM, at.FORCE, at.PHASE, f"{at.ROBOT}/panda_link5"):
+        assert path in listing, path
+
+
+def listed(file):
+    """What `rerun rrd print` tells of a file."""
+    tool = Path(sys.executable).with_name("rerun")
+    command = [str(tool), "rrd", "print", str(file)]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout
+
+
+def test_a_running_graph_is_shown_as_its_topics_appear(monkeypatch, tmp_path):
+    """Live: publishers come after the view, and one is called like ours but is of another type."""
+    rr = pytest.importorskip("rerun", reason="rerun-sdk is not installed")
+    import rclpy
+    from rclpy.context import Context
+    from rclpy.executors import SingleThreadedExecutor
+    from rclpy.node import Node
+    from std_msgs.msg import String
+
+    from flowbothd_bringup.bags.types_ros import message_class
+    from flowbothd_bringup.view import entities as at
+    from flowbothd_bringup.view.live_node import LiveView
+    from flowbothd_common.ros import qos
+
+    monkeypatch.setenv("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+    file, context = tmp_path / "live.rrd", Context()
+    rclpy.init(context=context, domain_id=74)
+    recording = rr.RecordingStream("live")
+    recording.save(str(file))
+    view, graph = LiveView(recording, context=context), Node("graph", context=context)
+    executor = SingleThreadedExecutor(context=context)
+    executor.add_node(view)
+    shown = []
+    monkeypatch.setattr(
+        view._view, "show", lambda n, m, show=view._view.show: shown.append(n) or show(n, m)
+    )
+    try:
+        pairs = []
+        for name, kind, found in messages():
+            publisher = graph.create_publisher(message_class(kind), name, qos.STORY)
+            pairs.append((name, publisher, found))
+        other = graph.create_publisher(String, "/other/policy/events", qos.STORY)
+        other.publish(String(data="not ours"))
+        deadline = time.monotonic() + 30.0
+        while not all(p.get_subscription_count() for _, p, _ in pairs):
+            assert time.monotonic() < deadline, "the view does not listen"
+            executor.spin_once(timeout_sec=0.05)
+        for name, publisher, found in pairs:
+            for message in found:
+                publisher.publish(message)
+            while shown.count(name) < len(found):
+                assert time.monotonic() < deadline, f"{name} is not shown"
+                executor.spin_once(timeout_sec=0.05)
+    finally:
+        executor.shutdown()
+        view.destroy_node()
+        graph.destroy_node()
+        rclpy.shutdown(context=context)
+    recording.flush()
+    recording.disconnect()
+    assert "/other/policy/events" not in shown
+    listing = listed(file)
+    for path in (at.OBJECT, at.SAMPLES, at.CHOSEN, at.GRASP, at.PATH, at.DECISIONS, at.VACUUM):
         assert path in listing, path
 
 

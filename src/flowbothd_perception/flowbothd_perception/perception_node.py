@@ -83,6 +83,8 @@ class PerceptionNode(Node):
             except (FlowBotError, KeyError, ValueError) as error:
                 self._trouble[topic] = f"{topic}: {error.args[0] if error.args else error!r}"
             except Exception as error:
+                if not self.context.ok():
+                    return  # SIGTERM took the publishers away in the middle of a frame.
                 # Whatever a driver sends must not end the node; this says where to look.
                 if not self._trouble.get(topic):
                     self.get_logger().error(f"{topic}: {error!r}")
