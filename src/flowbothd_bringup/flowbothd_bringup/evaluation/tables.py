@@ -46,8 +46,8 @@ class RowNumbers:
         records: That count: openable with the truth, errors among them.
         unopenable: Records that the ground-truth filter took out.
         success: Rate over samples; the interval is Wilson's, as if trials were independent.
-        success_by_category: Mean over categories; interval by drawing objects anew.
-        distance: Normalised distance over samples, 0 = open; interval by drawing objects anew.
+        success_by_category: Mean over categories; interval by drawing objects and trials anew.
+        distance: Normalised distance over samples, 0 = open; interval likewise.
         distance_by_category: Mean over categories; interval likewise.
         categories: Success rate, distance and count by category.
         released: Success rate over samples as the released code counts it.
@@ -160,9 +160,10 @@ def _pulls(records: Sequence[Record], name: str) -> list[float]:
 def _redrawn(
     values: Array, objects: NDArray[Any], categories: NDArray[Any] | None, seed: int = 0
 ) -> Interval:
-    """Mean (over categories, where given) with its interval by drawing whole objects anew.
+    """Mean (over categories, where given) with its interval by drawing objects and trials anew.
 
     Trials of one object are much alike: to draw single trials would make the interval too narrow.
+    Where a category has one object, its trials alone can be drawn, and the interval is too narrow.
     """
     if not len(values):
         return Interval(float("nan"), float("nan"), float("nan"))
@@ -171,12 +172,14 @@ def _redrawn(
     means, draws = [], []
     for stratum in sorted(set(strata)):
         mine = np.array([s == stratum for s in strata])
-        _, owner = np.unique(objects[mine], return_inverse=True)
-        sums = np.bincount(owner, weights=values[mine])
-        counts = np.bincount(owner)
-        means.append(sums.sum() / counts.sum())
-        drawn = rng.integers(len(sums), size=(_RESAMPLINGS, len(sums)))
-        draws.append(sums[drawn].sum(1) / counts[drawn].sum(1))
+        means.append(values[mine].mean())
+        groups = [values[mine & (objects == name)] for name in np.unique(objects[mine])]
+        counts = np.array([len(group) for group in groups])
+        sums = np.stack(
+            [g[rng.integers(len(g), size=(_RESAMPLINGS, len(g)))].sum(1) for g in groups], axis=1
+        )
+        drawn = rng.integers(len(groups), size=sums.shape)
+        draws.append(np.take_along_axis(sums, drawn, axis=1).sum(1) / counts[drawn].sum(1))
     low, high = np.percentile(np.mean(draws, axis=0), [2.5, 97.5])
     return Interval(float(np.mean(means)), float(low), float(high))
 
