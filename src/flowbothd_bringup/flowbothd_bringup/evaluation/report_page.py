@@ -30,10 +30,12 @@ _READING = """\
 One trial: the object closed, one floating suction gripper, at most {steps} pulls of 0.17 m; opened
 means an open ratio above 0.9. Links that the ground truth does not open either are left out and
 counted below; whatever else happened to a trial, it counts. AVG_c is the mean over categories,
-AVG_s over trials, with 95 % intervals: Wilson's for AVG_s, the others by drawing objects and
-their trials anew (too narrow where a category has one object). SG, CC, HF: switch grasp, consistency check, history filter. "Robot's policy": with what the
-policy on the arm adds to the paper's algorithm (it keeps off edges, smooths the flow, turns pulls
-onto the surface normal, and does not try again what has failed).
+AVG_s over trials, with 95 % intervals: Wilson's for AVG_s, the others by drawing objects and their
+trials anew (too narrow where a category has one object). SG, CC, HF: switch grasp, consistency
+check, history filter. "Robot's policy": with what the policy on the arm adds to the paper's
+algorithm (it keeps off edges, smooths the flow, turns pulls onto the surface normal, remembers only
+what the motion bears out, and does not try again what has failed). In italics the paper's numbers,
+of other objects of the same categories.
 """
 
 
