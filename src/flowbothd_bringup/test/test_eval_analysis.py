@@ -21,7 +21,11 @@ from flowbothd_bringup.evaluation.analysis.doors import (
     draw_closed_and_open,
     markdown_closed_and_open,
 )
-from flowbothd_bringup.evaluation.analysis.history import draw_history_filter, history_filter
+from flowbothd_bringup.evaluation.analysis.history import (
+    draw_history_filter,
+    even_lengths,
+    history_filter,
+)
 from flowbothd_bringup.evaluation.analysis.inputs import Inputs, MissingInputError, OneAnswer
 from flowbothd_bringup.evaluation.analysis.multimodality import draw_multimodality, multimodality
 from flowbothd_bringup.evaluation.analysis.occlusion import (
@@ -228,6 +232,15 @@ def test_histories_are_none_true_good_and_bad(door: Remembered, tmp_path: Path):
     assert medians["none"] == pytest.approx(0.0, abs=1e-3)
     draw_history_filter(data, (door, 0.4), knowing, tmp_path / "h.png")
     assert (tmp_path / "h.png").stat().st_size > 5_000
+
+
+def test_even_lengths_keep_direction_and_lose_the_hinge(door: Remembered):
+    seen = door.see(0.4, 1)
+    assert seen is not None
+    even, moving = even_lengths(seen), np.linalg.norm(seen.flow, axis=1) > 1e-6
+    np.testing.assert_allclose(np.linalg.norm(even[moving], axis=1), 1.0, atol=1e-5)
+    np.testing.assert_array_equal(even[~moving], 0.0)
+    assert (even[moving] * seen.flow[moving]).sum(1).mean() > 0.3
 
 
 def test_a_cloud_without_a_bad_prediction_is_listed_as_skipped(door: Remembered):

@@ -23,19 +23,27 @@ from flowbothd_bringup.evaluation.analysis.measure import (
 from flowbothd_bringup.evaluation.analysis.picture import Portrait, label_of
 from flowbothd_bringup.evaluation.analysis.setting import Setting
 from flowbothd_bringup.evaluation.figures.style import TRUTH_COLOUR, save, tidy
-from flowbothd_common.types import History
+from flowbothd_common.types import Cloud, History
+from flowbothd_model.data.observation import Observation
 from flowbothd_policy.predictor import FlowPredictor
 
 KINDS = {
     "none": ("no history", "#999999"),
     "true": ("true history", TRUTH_COLOUR),
+    "even": ("true direction,\neven lengths", "#f0e442"),
     "good": ("good prediction\n(under 30° off)", "#0072b2"),
     "bad": ("bad prediction\n(over 90° off)", "#d55e00"),
 }
-"""Kind -> its name in words and its colour."""
+"""Kind -> its name in words and its colour.
+
+Beside the paper's: a history whose part moves in the true mean direction, as long at the hinge as
+far from it, as a drawer does. Predictions without history are often like that.
+"""
 
 BEHIND = 0.1
 """How far the history lies behind, as a share of the range."""
+
+_STILL = 1e-3  # mean flow of a link below which it does not move
 
 Case = tuple[Setting, float]
 """An object and its opening."""
@@ -111,6 +119,7 @@ def histories_of(
     if before is None:
         return found
     found["true"] = truth_of(before)
+    found["even"] = History(before.points, even_lengths(before))
     flows, errors = measure(predictor, before, None, samples, seed)
     cosine = errors.cosine.numpy()
     if cosine.max() > AGREES:
@@ -120,11 +129,23 @@ def histories_of(
     return found
 
 
+def even_lengths(seen: Observation) -> Cloud:
+    """(N, 3) float32 flow: every moving link as a whole, in its true mean direction."""
+    flow = np.zeros_like(seen.flow)
+    for link in np.unique(seen.link):
+        own = seen.link == link
+        direction = seen.flow[own].mean(0)
+        length = float(np.linalg.norm(direction))
+        if length > _STILL:
+            flow[own] = direction / length
+    return flow
+
+
 def draw_history_filter(
     data: Plain, case: Case | None, predictor: FlowPredictor, path: Path
 ) -> None:
     """Above, the kinds of history on one cloud; below, box plots of what came of them."""
-    figure = plt.figure(figsize=(9.5, 7.2), layout="constrained")
+    figure = plt.figure(figsize=(10.5, 7.4), layout="constrained")
     parts: Any = figure.subfigures(2, 1, height_ratios=(1, 1.15))
     upper, lower = parts
     if case is not None:
@@ -160,7 +181,7 @@ def draw_history_filter(
         for patch, (_, colour) in zip(boxes["boxes"], KINDS.values(), strict=True):
             patch.set_facecolor(colour)
         axis.set_ylabel(label, fontsize=9)
-        axis.tick_params(axis="x", labelsize=8)
+        axis.tick_params(axis="x", labelsize=7.5)
         tidy(axis)
     figure.suptitle(
         f"What the history does to the next prediction: {len(data['clouds'])} clouds, "

@@ -122,8 +122,8 @@ class Inputs:
         for number, (category, names) in enumerate(_OCCLUDED.items()):
             found = self._found(names, category if category == "Door" else None)
             chosen.append(found[0] if found else self.made(category, number))
-        names = {setting.item.name for setting in chosen}
-        more = [s for s in self._found(_MORE_OCCLUDED) if s.item.name not in names]
+        taken = {setting.item.name for setting in chosen}
+        more = [s for s in self._found(_MORE_OCCLUDED) if s.item.name not in taken]
         return chosen if small else [*chosen, *more]
 
     def closed(self, small: bool) -> list[Setting]:
