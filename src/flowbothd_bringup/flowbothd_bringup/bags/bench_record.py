@@ -93,6 +93,7 @@ def measure(bag: Path, seconds: float, *, clouds: bool) -> dict[str, Any]:
     )
     try:
         started = psutil.Process(recorder.pid)
+        _wait_for(bag, recorder)
         before = started.cpu_times()
         load = psutil.cpu_times_percent(interval=None)
         published = _publish(seconds, clouds=clouds, environment=environment)
@@ -110,6 +111,15 @@ def measure(bag: Path, seconds: float, *, clouds: bool) -> dict[str, Any]:
         "cpu_share": round(share, 3),
         **_check(bag, published["published"]),
     }
+
+
+def _wait_for(bag: Path, recorder: subprocess.Popen[bytes], timeout: float = 60.0) -> None:
+    """Wait for the recorder's folder: what it takes to start does not count."""
+    end = time.monotonic() + timeout
+    while not bag.is_dir():
+        if time.monotonic() > end or recorder.poll() is not None:
+            raise BagError("the recorder does not start", got=f"exit status {recorder.poll()}")
+        time.sleep(0.05)
 
 
 def _publish(seconds: float, *, clouds: bool, environment: dict[str, str]) -> dict[str, Any]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import logging
 import threading
-import time
 from collections import Counter, deque
 from typing import NamedTuple
 
@@ -106,7 +105,6 @@ class Recording:
             self.failure = self.failure or error
 
     def _work(self) -> None:
-        flushed = time.monotonic()
         while True:
             with self._wake:
                 if not self._queue and not self._closing:
@@ -116,9 +114,7 @@ class Recording:
                 closing = self._closing
             for item in batch:
                 self._write(item)
-            if time.monotonic() - flushed > 1.0:
-                self._writer.flush()
-                flushed = time.monotonic()
+            self._writer.flush_when_due()
             if closing and not batch:
                 return
 

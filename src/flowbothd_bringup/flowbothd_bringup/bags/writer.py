@@ -105,6 +105,10 @@ class BagWriter:
         with _Guard(self):
             self._file.write(number, received, sent or received, data, self._counts.get(number, 0))
         self._counts[number] = self._counts.get(number, 0) + 1
+        self.flush_when_due()
+
+    def flush_when_due(self) -> None:
+        """Flush if the last time is longer ago than the period."""
         if time.monotonic() - self._flushed > self._period:
             self.flush()
 
