@@ -7,7 +7,8 @@ import numpy as np
 from flowbothd_common.motion import JointTrajectory, MotionReason, RobotObservation
 from franka_suction_driver.limits import JointLimits
 from franka_suction_driver.motion_step import Ending, ForceFilter, Step
-from franka_suction_driver.trajectory import JointState, joint_stop
+from franka_suction_driver.stopping import joint_stop
+from franka_suction_driver.trajectory import JointState
 
 _SETTLED = 0.01
 _SETTLE_TIME = 1.0

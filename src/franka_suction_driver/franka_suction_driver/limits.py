@@ -23,11 +23,13 @@ class Violation:
         time: When, from the start of the trajectory [s].
         ratio: Amount over limit, > 1.
         text: For people.
+        what: Of which limit: position, velocity, acceleration or jerk.
     """
 
     time: float
     ratio: float
     text: str
+    what: str
 
     def __str__(self) -> str:
         """For messages."""
@@ -107,7 +109,7 @@ class JointLimits:
                     f"{name} of {joints[j]} at {trajectory.times[k]:.3f} s: "
                     f"{amount:.4g} of {limit[j]:.4g} {unit}"
                 )
-                worst = Violation(float(trajectory.times[k]), worst_ratio, text)
+                worst = Violation(float(trajectory.times[k]), worst_ratio, text, name)
         return worst
 
 

@@ -143,6 +143,7 @@ class MotionFactory:
             problem = rollout.problem or "singularity"
             message = f"the arm cannot follow the flow: {rollout.detail}"
             return Ending(MotionReason(problem), message)
+        reference.offset_bounds = self._follower.offset_bounds(rollout, reference.line.direction)
         return FlowStep(
             self._robot, self._follower, reference, rollout, distance, params, seen.time
         )

@@ -17,11 +17,12 @@ from franka_suction_driver.kinematics import (
     damped_inverse,
     task_jacobian,
 )
-from franka_suction_driver.limits import JointLimits
+from franka_suction_driver.limits import JointLimits, Violation
+from franka_suction_driver.stopping import joint_stop
 from franka_suction_driver.tool_motion import OFFSET_BOUNDS, Bounds, Reference, ToolLine
 from franka_suction_driver.tool_path import ToolPath, solve_path
 from franka_suction_driver.tool_solver import ToolSolver
-from franka_suction_driver.trajectory import JointState, joint_stop, sample_times
+from franka_suction_driver.trajectory import JointState, sample_times
 
 STEP = 0.04
 """Time between two points of a tool trajectory [s]."""
@@ -32,8 +33,12 @@ _STEP_BACK = 0.004
 _BRAKINGS = (1.0, 0.7, 0.5, 0.35, 0.2, 0.1)
 _MOST_SAMPLES = 50
 _OFFSET_SHARE = 0.6
-# The check looks at five places between two points; the worst may lie between those.
+# Velocities are checked at five places between two points; the worst may lie between those.
 _RESERVE = 0.02
+# The powers of the slowing by which velocity, acceleration and jerk shrink; positions stay.
+_POWERS = {"position": 0, "velocity": 1, "acceleration": 2, "jerk": 3}
+# Points lie elsewhere on a slower motion: what stays this much beyond a limit will not fit.
+_DOUBT = 1.1
 
 
 @dataclass(frozen=True)
@@ -45,7 +50,7 @@ class Rollout:
             not even the first sample could.
         travel: How far along the direction it goes [m].
         problem: Empty, or what ends it early: ``joint_limit`` or ``singularity``.
-        too_fast: It breaks a velocity, acceleration or jerk limit.
+        excess: The limit that it breaks worst, if any.
         slowing: How much slower than asked it had to be planned, 0..1.
         detail: For people.
         path: The joint path that was timed, of planned motions.
@@ -55,9 +60,14 @@ class Rollout:
     travel: float
     problem: str = ""
     detail: str = ""
-    too_fast: bool = False
+    excess: Violation | None = None
     slowing: float = 1.0
     path: ToolPath | None = None
+
+    @property
+    def too_fast(self) -> bool:
+        """Whether it breaks a limit."""
+        return self.excess is not None
 
     @property
     def good(self) -> bool:
@@ -145,8 +155,7 @@ class ToolFollower:
         violation = fine_violation(self._limits, trajectory, start, -_RESERVE)
         if violation is not None:
             travel = float(reference.travel(now + violation.time).position[0])
-            kind, _ = self._why(positions[int(np.searchsorted(times, violation.time))])
-            return Rollout(trajectory, travel, kind, str(violation), too_fast=True)
+            return Rollout(trajectory, travel, detail=str(violation), excess=violation)
         return Rollout(trajectory, float(reference.travel(reference.end).position[0]))
 
     def plan(self, line: ToolLine, bounds: Bounds, start: JointState) -> tuple[Reference, Rollout]:
@@ -164,14 +173,17 @@ class ToolFollower:
         for _ in range(_SHORTENINGS):
             if goal < _STEP_BACK:
                 break
+            tried, excess = 1.0, None
             for slowing in (caution * part for part in _SLOWINGS):
+                if excess is not None and _still_beyond(excess, slowing / tried):
+                    continue
                 reference = Reference.start(line, bounds.scaled(slowing), goal)
                 rollout = self.retimed(path, reference, 0.0, start)
+                tried, excess = slowing, rollout.excess
                 if rollout.good:
-                    reference.offset_bounds = self._offset_bounds(rollout, line.direction)
                     planned = replace(rollout, problem=why[0], detail=why[1], slowing=slowing)
                     return reference, planned
-            why = (rollout.problem, rollout.detail)
+            why = (self._tight(rollout), rollout.detail)
             goal = min(goal, rollout.travel) - _STEP_BACK
         why = why if why[0] else ("singularity", "")
         return Reference.start(line, bounds), Rollout(None, 0.0, *why)
@@ -194,10 +206,8 @@ class ToolFollower:
         if violation is None:
             travel = float(reference.travel(reference.along_end).position[0])
             return Rollout(trajectory, travel, path=path)
-        index = min(int(np.searchsorted(times, violation.time)), len(times) - 1)
-        kind, _ = self._why(trajectory.positions[index])
         travel = float(reference.travel(now + violation.time).position[0])
-        return Rollout(trajectory, travel, kind, str(violation), too_fast=True)
+        return Rollout(trajectory, travel, detail=str(violation), excess=violation)
 
     def brake(
         self,
@@ -230,8 +240,13 @@ class ToolFollower:
         # Off the line, but to rest within the limits, which comes first.
         return slowest, joint_stop(self._kinematics.joint_names, start, self._limits)
 
-    def _offset_bounds(self, rollout: Rollout, direction: Array) -> Bounds:
-        """How hard the tool may be moved sideways anywhere on the way, by the joints' limits."""
+    def offset_bounds(self, rollout: Rollout, direction: Array) -> Bounds:
+        """How hard the tool may be moved sideways anywhere on the way, by the joints' limits.
+
+        Args:
+            rollout: A planned motion.
+            direction: (3,) its unit direction.
+        """
         if rollout.trajectory is None:
             return OFFSET_BOUNDS
         count = len(rollout.trajectory.positions)
@@ -245,6 +260,14 @@ class ToolFollower:
             OFFSET_BOUNDS.speed, OFFSET_BOUNDS.acceleration * factor, OFFSET_BOUNDS.jerk * factor
         )
 
+    def _tight(self, rollout: Rollout) -> str:
+        """What makes the joints move too fast where a rollout breaks its limit worst."""
+        trajectory, excess = rollout.trajectory, rollout.excess
+        if trajectory is None or excess is None:
+            return rollout.problem
+        index = int(np.searchsorted(trajectory.times, excess.time))
+        return self._why(trajectory.positions[min(index, len(trajectory.times) - 1)])[0]
+
     def _why(self, q: Array) -> tuple[str, str]:
         lower, upper = q - self._box.lower, self._box.upper - q
         room = np.minimum(lower, upper)
@@ -255,3 +278,8 @@ class ToolFollower:
             return "joint_limit", f"{name} is at its {end} limit ({q[joint]:.2f} rad)"
         value = float(conditioning(self._kinematics.tip(q)))
         return "singularity", f"the arm is stretched out (smallest singular value {value:.3f})"
+
+
+def _still_beyond(excess: Violation, part: float) -> bool:
+    """Whether the same motion is too fast at `part` of its speed as well, beyond doubt."""
+    return excess.ratio * part ** _POWERS[excess.what] > _DOUBT

@@ -114,16 +114,12 @@ def joint_move(
 ) -> JointTrajectory:
     """Jerk-limited motion to rest at `goal` (J,); straight in joint space if it starts at rest."""
     at_rest = not (start.velocity.any() or start.acceleration.any())
-    profile = move_to(start, goal, *_interpolable(limits), straight=at_rest)
+    profile = move_to(start, goal, *interpolable(limits), straight=at_rest)
     return sampled(names, profile)
 
 
-def joint_stop(names: tuple[str, ...], start: JointState, limits: JointLimits) -> JointTrajectory:
-    """Fastest stop of all joints within the limits."""
-    return sampled(names, brake(start, *_interpolable(limits)[1:]))
-
-
-def _interpolable(limits: JointLimits) -> tuple[Array, Array, Array]:
+def interpolable(limits: JointLimits) -> tuple[Array, Array, Array]:
+    """Velocity, acceleration and jerk limits of profiles that quintics are laid through."""
     velocity, acceleration, jerk = _INTERPOLATED
     return velocity * limits.velocity, acceleration * limits.acceleration, jerk * limits.jerk
 

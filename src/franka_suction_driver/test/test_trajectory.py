@@ -11,10 +11,10 @@ from franka_suction_driver.commander import Commander
 from franka_suction_driver.joint_path import SmoothPath
 from franka_suction_driver.kinematics import Kinematics
 from franka_suction_driver.limits import JointLimits, limits_from
+from franka_suction_driver.stopping import joint_stop
 from franka_suction_driver.trajectory import (
     JointState,
     joint_move,
-    joint_stop,
     quintic,
     sample_times,
     state_at,

@@ -26,7 +26,7 @@ from franka_suction_driver.backends.wrench import ExternalWrench
 from franka_suction_driver.commander import Commander
 from franka_suction_driver.kinematics import Kinematics
 from franka_suction_driver.limits import JointLimits
-from franka_suction_driver.trajectory import joint_stop
+from franka_suction_driver.stopping import joint_stop
 
 _log = logging.getLogger(__name__)
 USER_STOP = "the user stop is pressed: release it, then call arm/recover"

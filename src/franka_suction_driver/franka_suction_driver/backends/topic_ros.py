@@ -16,7 +16,7 @@ from franka_suction_driver.backends.acceptance import objection
 from franka_suction_driver.backends.protocol import ArmState
 from franka_suction_driver.commander import Commander
 from franka_suction_driver.limits import JointLimits
-from franka_suction_driver.trajectory import joint_stop
+from franka_suction_driver.stopping import joint_stop
 
 _PATIENCE = 0.3
 _SAME_PLACE = 0.02
