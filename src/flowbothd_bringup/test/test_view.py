@@ -122,6 +122,17 @@ def listed(file):
     return subprocess.run(command, capture_output=True, text=True, check=True).stdout
 
 
+def test_rerun_itself_opens_a_recording(bag, tmp_path):
+    """Without our view: joint states become curves, clouds become points."""
+    pytest.importorskip("rerun", reason="rerun-sdk is not installed")
+    tool, file = Path(sys.executable).with_name("rerun"), tmp_path / "plain.rrd"
+    command = [str(tool), "mcap", "convert", str(bag / "bag_0.mcap"), "--output", str(file)]
+    subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
+    listing = listed(file)
+    for path in ("/joint_states", "/object_cloud", "/depth/image_raw", "/policy/events"):
+        assert path in listing, path
+
+
 def test_a_running_graph_is_shown_as_its_topics_appear(monkeypatch, tmp_path):
     """Live: publishers come after the view, and one is called like ours but is of another type."""
     rr = pytest.importorskip("rerun", reason="rerun-sdk is not installed")
