@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -108,14 +108,8 @@ def most_occluded(setting: Setting, ratios: Sequence[float], seed: int) -> Setti
     whose clouds the part has the fewest points at some of `ratios`, while it can be seen well when
     it is closed.
     """
-    return _best(
-        [replace(setting, azimuth=float(a), elevation=_LOW) for a in _AZIMUTHS],
-        lambda one: _least(one, ratios, seed),
-    )
-
-
-def _best(settings: Sequence[Setting], key: Callable[[Setting], float]) -> Setting:
-    return min(settings, key=lambda one: (key(one), abs(one.azimuth - 90.0)))
+    candidates = [replace(setting, azimuth=float(a), elevation=_LOW) for a in _AZIMUTHS]
+    return min(candidates, key=lambda one: (_least(one, ratios, seed), abs(one.azimuth - 90.0)))
 
 
 def _least(setting: Setting, ratios: Sequence[float], seed: int) -> float:
