@@ -49,3 +49,14 @@ def test_mean_error_and_rmse_differ_where_errors_are_uneven():
 def test_a_truth_without_motion_is_refused():
     with pytest.raises(ValueError, match="no point moves"):
         flow_errors(truth()[None], torch.zeros(10, 3))
+
+
+def test_the_whole_field_tells_left_from_right_where_points_cannot():
+    """The incident: "modes found" counted a left hinge for a right one, at a cosine of 1."""
+    across = torch.linspace(0.01, 0.99, 50)
+    left, right = (torch.stack([w, 0 * w, 0 * w], dim=1) for w in (across, 1 - across))
+    errors = flow_errors(left[None], right)
+    assert float(errors.cosine[0]) > 0.99
+    assert float(errors.field[0]) == pytest.approx(0.5, abs=0.05)
+    assert float(flow_errors((left + right)[None], right).field[0]) == pytest.approx(0.87, abs=0.01)
+    assert float(flow_errors(left[None], left).field[0]) == pytest.approx(1.0)
