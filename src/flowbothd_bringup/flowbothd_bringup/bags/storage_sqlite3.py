@@ -33,7 +33,7 @@ class SqliteStorage:
         self._names: dict[int, str] = {}
         page, whole = _sizes(path)
         missing = whole - path.stat().st_size
-        if missing > 0:
+        if missing > 0 and not self._journal:
             # sqlite opens nothing that is shorter than its header says.
             self._path, self._cut = _lengthened(path, page, whole), True
             self.problems.append(
@@ -49,10 +49,13 @@ class SqliteStorage:
                 hint="cut off? `sqlite3 FILE .recover` may save what is left",
             ) from error
 
+    @property
+    def _journal(self) -> bool:
+        return self._path.with_name(self._path.name + "-wal").exists()
+
     def _connect(self) -> sqlite3.Connection:
         # The journal of a writer that was killed is applied if the folder allows it.
-        journal = self._path.with_name(self._path.name + "-wal").exists()
-        mode = "mode=ro" if journal else "mode=ro&immutable=1"
+        mode = "mode=ro" if self._journal else "mode=ro&immutable=1"
         return sqlite3.connect(f"{self._path.absolute().as_uri()}?{mode}", uri=True)
 
     def _read_topics(self, database: sqlite3.Connection) -> None:
