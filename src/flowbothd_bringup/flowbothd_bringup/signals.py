@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import matplotlib as mpl
 
@@ -54,6 +55,17 @@ def step_signals(record: RunRecord) -> list[StepSignals]:
             )
             switched, trials, previous_grasps = False, 0, grasps
     return signals
+
+
+def signal_columns(record: RunRecord) -> dict[str, list[Any]]:
+    """The same by signal, as in `per_step` of the evaluation's records."""
+    signals = step_signals(record)
+    return {
+        "open_ratio": [s.open_ratio for s in signals],
+        "history_updated": [s.history_updated for s in signals],
+        "grasp_switched": [s.grasp_switched for s in signals],
+        "consistency_trials": [s.trials for s in signals],
+    }
 
 
 def plot_signals(record: RunRecord, path: Path) -> None:

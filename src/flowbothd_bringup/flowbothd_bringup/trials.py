@@ -6,7 +6,6 @@ import argparse
 import sys
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +13,6 @@ from flowbothd_bringup.record import as_plain
 from flowbothd_bringup.resumable import run_resumable
 from flowbothd_common.errors import FlowBotError, ObjectModelError, ParameterError
 from flowbothd_common.types import Outcome
-from flowbothd_policy.predictor import FlowPredictor
 
 DOOR_MODES = ("pull_left", "pull_right", "push_left", "push_right")
 FURNITURE = ("drawer", "cabinet_door", "lidded_box")
@@ -99,7 +97,10 @@ def _identity(trial: Trial) -> dict[str, Any]:
 
 
 def _rollout(trial: Trial) -> dict[str, Any]:
-    network = _network(trial.method.removeprefix(MODEL)) if trial.method.startswith(MODEL) else None
+    from flowbothd_bringup.evaluation.methods import load_weights
+
+    named = trial.method.startswith(MODEL)
+    network = load_weights(trial.method.removeprefix(MODEL)) if named else None
     predictor, changes = METHODS.get(trial.method, ("", {}))
     if trial.world == "floating":
         from flowbothd_bringup.rollout.floating import FLOATING_POLICY, floating_rollout
@@ -122,17 +123,6 @@ def _rollout(trial: Trial) -> dict[str, Any]:
         policy=changes,
     )
     return record.summary() | {"contacts": as_plain(contacts)}
-
-
-@lru_cache(maxsize=1)
-def _network(name: str) -> FlowPredictor:
-    """The weights, loaded once in a process; one thread, since trials run side by side."""
-    import torch
-
-    from flowbothd_model import load
-
-    torch.set_num_threads(1)
-    return load(name)
 
 
 def _key(entry: dict[str, Any]) -> tuple[Any, ...]:

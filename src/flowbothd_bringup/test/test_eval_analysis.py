@@ -36,7 +36,6 @@ from flowbothd_bringup.evaluation.analysis.occlusion import (
 )
 from flowbothd_bringup.evaluation.analysis.rollouts import (
     _captioned,
-    _signals,
     draw_rollout,
     telling_runs,
 )
@@ -44,6 +43,7 @@ from flowbothd_bringup.evaluation.analysis.run import ANALYSES, run_analyses
 from flowbothd_bringup.evaluation.analysis.setting import Setting, main_joint, most_occluded
 from flowbothd_bringup.evaluation.analysis.showcases import ways
 from flowbothd_bringup.rollout.floating import FLOATING_POLICY, floating_rollout
+from flowbothd_bringup.signals import signal_columns
 from flowbothd_common.types import Cloud, History
 from flowbothd_model.checkpoint import Checkpoint
 from flowbothd_model.config import PRESETS
@@ -369,7 +369,7 @@ def test_a_run_is_told_by_its_pulls_and_what_they_reached(tmp_path: Path):
     model = load_object("cabinet_door", seed=1)
     record = floating_rollout(model, FLOATING_POLICY)
     assert record.summary()["success"]
-    reached = _signals(record)["open_ratio"]
+    reached = signal_columns(record)["open_ratio"]
     assert len(reached) == record.summary()["steps"]
     assert reached[0] > 0.05
     assert reached[-1] == pytest.approx(record.open_ratio)

@@ -17,7 +17,8 @@ from flowbothd_bringup.evaluation.methods import (
     parse_switches,
     weights_of,
 )
-from flowbothd_bringup.evaluation.suites import SUITES, Row, suite
+from flowbothd_bringup.evaluation.suites import SUITES, Row, Suite
+from flowbothd_bringup.evaluation.tables import RowKey, row_key
 from flowbothd_bringup.evaluation.trial import MASKS, NONE, EvalTrial, failed, record_key, run_trial
 from flowbothd_bringup.resumable import Record, read_records, run_resumable
 from flowbothd_common.errors import ObjectModelError, ParameterError
@@ -99,8 +100,8 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Run what is missing, and say how it went."""
-    chosen = suite(arguments.suite) if arguments.suite else None
-    rows = _rows(arguments)
+    chosen = SUITES[arguments.suite] if arguments.suite else None
+    rows = _rows(arguments, chosen)
     trials = chosen.trials if chosen else 5
     trials = trials if arguments.trials is None else arguments.trials
     for name, value in (("--trials", trials), ("--steps", arguments.steps)):
@@ -122,15 +123,15 @@ def run(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _rows(arguments: argparse.Namespace) -> list[Row]:
-    if arguments.suite:
+def _rows(arguments: argparse.Namespace, chosen: Suite | None) -> list[Row]:
+    if chosen:
         if arguments.method or arguments.switches:
             raise ParameterError(
                 "a suite has its own methods and switches",
                 got=f"--suite {arguments.suite} with --method or --switches",
                 hint="leave out one of them",
             )
-        return list(suite(arguments.suite).rows)
+        return list(chosen.rows)
     masks = tuple(dict.fromkeys(arguments.target_mask))
     rows = []
     for name in dict.fromkeys(arguments.method or ["flowbothd"]):
@@ -242,10 +243,9 @@ def _run(planned: tuple[EvalTrial, bool]) -> Record:
 
 def _tell(records: Sequence[Record]) -> None:
     """One line a row; `flowbothd tables` has the rest."""
-    rows: dict[tuple[str, ...], list[Record]] = {}
+    rows: dict[RowKey, list[Record]] = {}
     for record in records:
-        names = ("method", "switches", "policy", "target_mask")
-        rows.setdefault(tuple(record[name] for name in names), []).append(record)
+        rows.setdefault(row_key(record), []).append(record)
     for (name, switches, policy, mask), found in rows.items():
         opened = sum(bool(r["success"]) for r in found)
         sys.stdout.write(

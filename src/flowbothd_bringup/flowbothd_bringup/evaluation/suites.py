@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 from flowbothd_bringup.evaluation.methods import METHODS
 from flowbothd_bringup.evaluation.trial import NONE, TRUTH
-from flowbothd_common.errors import ParameterError
 from flowbothd_model.data.splits import NEVER_TRAINED_ON, held_out_ids
 
 
@@ -95,14 +94,3 @@ SUITES: dict[str, Suite] = {
         5,
     ),
 }
-
-
-def suite(name: str) -> Suite:
-    """The suite of a name.
-
-    Raises:
-        ParameterError: there is none.
-    """
-    if name not in SUITES:
-        raise ParameterError("no such suite", got=name, allowed=list(SUITES))
-    return SUITES[name]

@@ -25,7 +25,7 @@ from flowbothd_bringup.record import RunRecord
 from flowbothd_bringup.resumable import Record
 from flowbothd_bringup.rollout.driver import PolicyDriver
 from flowbothd_bringup.rollout.floating import SUCCESS, FloatingPolicyWorld, TargetOnly
-from flowbothd_bringup.signals import step_signals
+from flowbothd_bringup.signals import signal_columns
 from flowbothd_common.errors import FlowBotError, InvalidCloudError
 from flowbothd_common.types import Cloud, History, Outcome
 from flowbothd_policy.oracle import OracleParams, OraclePredictor, Truth
@@ -274,17 +274,15 @@ class _Judge:
 
 def _per_step(run: RunRecord, judge: _Judge) -> dict[str, list[Any]]:
     """One entry a pull; the errors are those of the sample that was acted upon."""
-    signals = step_signals(run)
+    signals = signal_columns(run)
     errors = [
         _errors(run, judge, decision)
         for decision in run.decisions
         if decision["decision"] == "step"
     ]
     return {
-        "open_ratio": [round(s.open_ratio, 4) for s in signals],
-        "history_updated": [s.history_updated for s in signals],
-        "grasp_switched": [s.grasp_switched for s in signals],
-        "consistency_trials": [s.trials for s in signals],
+        **signals,
+        "open_ratio": [round(ratio, 4) for ratio in signals["open_ratio"]],
         **{name: [e.get(name) for e in errors] for name in _ERRORS},
     }
 

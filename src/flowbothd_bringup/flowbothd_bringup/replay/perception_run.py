@@ -17,6 +17,7 @@ from flowbothd_bringup.bags.reader import Bag, Span
 from flowbothd_bringup.environment import own_domain
 from flowbothd_bringup.replay.story import Stamp, Story, decoded, key, seconds
 from flowbothd_common.ros import clouds
+from flowbothd_common.ros.conversions import to_seconds
 from flowbothd_common.types import Cloud
 from flowbothd_perception.perception_node import PerceptionNode
 
@@ -115,7 +116,7 @@ def joint_period(bag: Bag, span: Span | None = None) -> float:
     topics = [name for name in bag.topics if name.endswith("/joint_states")]
     stamps = []
     for message in bag.messages(topics, span):
-        stamps.append(seconds(key(decoded(bag, message).header.stamp)))
+        stamps.append(to_seconds(decoded(bag, message).header.stamp))
         if len(stamps) > 500:
             break
     return float(np.median(np.diff(stamps))) if len(stamps) > 1 else 0.0
@@ -167,7 +168,7 @@ def _begin(bag: Bag, topics: Collection[str], span: Span | None) -> float:
         for entry in bag.messages([topic], span):
             message = decoded(bag, entry)
             if hasattr(message, "header"):
-                firsts.append(seconds(key(message.header.stamp)))
+                firsts.append(to_seconds(message.header.stamp))
             break
     return max(firsts)
 

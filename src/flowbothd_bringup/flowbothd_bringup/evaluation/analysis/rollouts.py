@@ -20,7 +20,7 @@ from flowbothd_bringup.evaluation.figures.style import method_colour, save
 from flowbothd_bringup.pictures import Moment, moments
 from flowbothd_bringup.record import RunRecord
 from flowbothd_bringup.rollout.floating import FLOATING_POLICY, floating_rollout
-from flowbothd_bringup.signals import step_signals
+from flowbothd_bringup.signals import signal_columns
 from flowbothd_policy.predictor import FlowPredictor
 from sim_bridge.objects.from_urdf import standing_at
 from sim_bridge.objects.model import ObjectModel
@@ -98,7 +98,7 @@ def draw_rollout(model: ObjectModel, record: RunRecord, path: Path, most: int = 
     stage = _Stage(model, [moment.state.joints for _, moment in shown])
     for axis, (caption, moment) in zip(axes.flat, shown, strict=False):
         stage.draw(axis, moment, caption)
-    handles = signal_panel(lower.subplots(), _signals(record))
+    handles = signal_panel(lower.subplots(), signal_columns(record))
     lower.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=9, frameon=False)
     figure.suptitle(
         f"{model.name}, {model.target_joint}: {record.outcome} after "
@@ -157,14 +157,3 @@ class _Stage:
         tail, head = self._view.project(np.stack([grasp, grasp + 1.5 * self._arrow * pull]))
         axis.annotate("", head, tail, arrowprops={"arrowstyle": "-|>", "color": "#d55e00", "lw": 2})
         axis.plot(*tail, "o", color="#d55e00", mec="black", ms=6)
-
-
-def _signals(record: RunRecord) -> dict[str, list[Any]]:
-    """The signals of a run as the `per_step` of a record of the evaluation."""
-    signals = step_signals(record)
-    return {
-        "open_ratio": [s.open_ratio for s in signals],
-        "history_updated": [s.history_updated for s in signals],
-        "grasp_switched": [s.grasp_switched for s in signals],
-        "consistency_trials": [s.trials for s in signals],
-    }
