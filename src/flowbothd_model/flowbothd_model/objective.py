@@ -11,6 +11,7 @@ from flowbothd_model.diffusion import Diffusion
 from flowbothd_model.frames import into_frame
 from flowbothd_model.implicit import implicit_prediction, relative_error
 from flowbothd_model.network import FlowNetwork, HistoryBatch
+from flowbothd_model.own_history import with_own_histories
 
 
 def step_generator(seed: int, step: int, rank: int = 0) -> torch.Generator:
@@ -25,13 +26,21 @@ class Objective(nn.Module):
         network: To be trained.
         config: Of the model.
         draws: Levels and noises per cloud; the cloud is encoded once for all of them.
+        own_histories: Share of the histories that are the network's own.
     """
 
-    def __init__(self, network: FlowNetwork, config: ModelConfig, draws: int = 1) -> None:
+    def __init__(
+        self,
+        network: FlowNetwork,
+        config: ModelConfig,
+        draws: int = 1,
+        own_histories: float = 0.0,
+    ) -> None:
         super().__init__()
         self.network = network
         self.config = config
         self._draws = draws
+        self._own_histories = own_histories
         self._diffusion = Diffusion(config.diffusion)
 
     def forward(self, batch: Batch, generator: torch.Generator) -> Tensor:
@@ -40,7 +49,7 @@ class Objective(nn.Module):
         points, past = into_frame(config.frame, batch.points, batch.history_points)
         history = None
         if config.network.history and past is not None:
-            history = HistoryBatch(past, batch.history_flow, batch.has_history)
+            history = HistoryBatch(past, self._past_flow(batch, generator), batch.has_history)
         if config.network.latent:
             return self._implicit(points, history, batch.flow, generator)
         if not config.network.diffusion:
@@ -57,6 +66,22 @@ class Objective(nn.Module):
         # The schedule counts in steps, as published; the embedding expects that magnitude.
         prediction = self.network(points, history, noisy, level * config.diffusion.steps)
         return self._diffusion.loss(prediction.float(), flow, noise, level)
+
+    def _past_flow(self, batch: Batch, generator: torch.Generator) -> Tensor:
+        """(B, M, 3) flow of the histories: true, or what the network says."""
+        flow, rows = batch.history_flow, batch.has_history
+        if not self._own_histories or not bool(rows.any()):
+            return flow
+        given = flow.clone()
+        given[rows] = with_own_histories(
+            self.network,
+            self.config,
+            batch.history_points[rows],
+            flow[rows],
+            self._own_histories,
+            generator,
+        )
+        return given
 
     def _implicit(
         self,

@@ -39,8 +39,9 @@ def sample_flows(
     seed: int,
     sampler: str | None = None,
     steps: int | None = None,
+    clouds: int = 1,
 ) -> Tensor:
-    """(samples, N, 3) max-normalised flows of the one cloud in `context`.
+    """(clouds * samples, N, 3) max-normalised flows of the `clouds` clouds in `context`, in a row.
 
     Raises:
         ValueError: unknown sampler, or steps out of range.
@@ -49,21 +50,21 @@ def sample_flows(
     if name not in SAMPLERS:
         raise ValueError(f"sampler must be one of {sorted(SAMPLERS)}, got {name!r}")
     generator = torch.Generator().manual_seed(seed)
-    count, device = network.points_of(context), context.device
+    count, device, rows = network.points_of(context), context.device, clouds * samples
     chosen = config.sampling_steps if steps is None else steps
     if config.network.latent:
         if chosen != 1:
             raise ValueError(f"a model without a chain has 1 step, got {chosen}")
-        vectors = torch.randn((samples, config.network.latent), generator=generator)
-        level = torch.full((samples,), LEVEL, device=device)
+        vectors = torch.randn((rows, config.network.latent), generator=generator)
+        level = torch.full((rows,), LEVEL, device=device)
         return max_normalised(network.denoise(context, vectors.to(device), level))
     repeated = context.repeated(samples)
     if not config.network.diffusion:
-        level = torch.ones(samples, device=device)
-        flow = network.denoise(repeated, torch.zeros(samples, count, 3, device=device), level)
+        level = torch.ones(rows, device=device)
+        flow = network.denoise(repeated, torch.zeros(rows, count, 3, device=device), level)
         return max_normalised(flow)
     diffusion = Diffusion(config.diffusion)
-    noise = torch.randn((samples, count, 3), generator=generator).to(device)
+    noise = torch.randn((rows, count, 3), generator=generator).to(device)
 
     def denoise(noisy: Tensor, level: Tensor) -> Tensor:
         return network.denoise(repeated, noisy, level.to(noisy.dtype) * config.diffusion.steps)

@@ -39,6 +39,7 @@ _HELP = {
     "situations": "of closed, open, open_with_history, separated by commas",
     "steps": "optimiser steps of the whole run",
     "batch": "clouds per step and process",
+    "own_histories": "share of the histories that the network predicts itself, 0 to 1",
     "draws": "noise levels per cloud",
     "rate": "peak learning rate, 0 = the preset's",
     "workers": "data processes",

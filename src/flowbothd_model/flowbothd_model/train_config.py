@@ -33,6 +33,8 @@ class TrainConfig:
         clip: Largest gradient norm.
         points: Per cloud.
         robot_share: Share of views by a robot's camera.
+        own_histories: Share of the histories whose flow is what the network itself says at that
+            moment, as in a run, and not the truth (`own_history.py`); 0 is the paper's.
         workers: Data processes; 0 = in the training process.
         seed: Of everything.
         precision: `fp32` or `bf16` (mixed).
@@ -60,6 +62,7 @@ class TrainConfig:
     clip: float = 1.0
     points: int = 1024
     robot_share: float = 0.5
+    own_histories: float = 0.0
     workers: int = 1
     seed: int = 0
     precision: str = "fp32"
@@ -80,6 +83,10 @@ class TrainConfig:
         for name in ("steps", "batch", "draws", "save_every", "validation_samples"):
             if getattr(self, name) < 1:
                 raise ValueError(f"{name} must be at least 1, got {getattr(self, name)}")
+
+        for name in ("partnet_share", "robot_share", "own_histories"):
+            if not 0 <= getattr(self, name) <= 1:
+                raise ValueError(f"{name} must be within 0 to 1, got {getattr(self, name)}")
 
     @property
     def peak_rate(self) -> float:

@@ -74,7 +74,9 @@ class Trainer:
         self.step = 0
         self.best = float("inf")
         self._stop = False
-        self._objective: nn.Module = Objective(self.network, self.model_config, config.draws)
+        self._objective: nn.Module = Objective(
+            self.network, self.model_config, config.draws, config.own_histories
+        )
         if self.processes > 1:
             # A batch of the published network may be without any history, its encoder then idle.
             idle = self.model_config.network.architecture is Architecture.PAPER
