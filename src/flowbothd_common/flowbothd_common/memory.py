@@ -41,3 +41,13 @@ def spare_what_stays() -> None:
     """
     gc.collect()
     gc.freeze()
+
+
+def free_what_stayed() -> None:
+    """Undo `spare_what_stays` and collect, at the end of a process.
+
+    What an interrupted callback held hangs on the node that was spared and would outlive
+    everything; Open3D ends a process with an error for that.
+    """
+    gc.unfreeze()
+    gc.collect()

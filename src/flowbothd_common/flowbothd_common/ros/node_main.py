@@ -17,7 +17,7 @@ from rclpy.node import Node
 
 from flowbothd_common.errors import FlowBotError
 from flowbothd_common.guardian import watch_guardian
-from flowbothd_common.memory import keep_freed_memory, spare_what_stays
+from flowbothd_common.memory import free_what_stayed, keep_freed_memory, spare_what_stays
 from flowbothd_common.ros.parameters import reject_unknown
 
 RCLError = rclpy_implementation.RCLError
@@ -73,4 +73,6 @@ def run_node(create: Callable[[], Node], args: list[str] | None = None, *, threa
         if node is not None:
             node.destroy_node()
         rclpy.try_shutdown()
+        executor = node = None
+        free_what_stayed()
     return 0
