@@ -104,6 +104,7 @@ def select_grasp(
         allowed = _without_avoided(points, flow, band, avoid, avoid_angle)
         if not len(allowed):
             continue
+        allowed = _clear_of_table(points, flow, allowed, params.table_clearance)
         if params.edge_margin <= 0:
             index, distance = int(allowed[np.argmax(leverages[allowed])]), float("nan")
             break
@@ -147,6 +148,20 @@ def _without_avoided(
         near = np.linalg.norm(points[band] - place.point, axis=1) < place.radius
         keep &= ~(near & (unit_flow @ place.direction > np.cos(angle)))
     return band[keep]
+
+
+def _clear_of_table(
+    points: Cloud, flow: NDArray[np.float32], candidates: NDArray[np.intp], clearance: float
+) -> NDArray[np.intp]:
+    """Those of the candidates below which the wrist has room; all of them if there are none.
+
+    The wrist lies behind the cup, against the pull: at the height of the cup for a horizontal pull,
+    above it for a lid.
+    """
+    pulls = flow[candidates] / np.linalg.norm(flow[candidates], axis=1, keepdims=True)
+    needed = clearance * np.sqrt(np.clip(1 - pulls[:, 2] ** 2, 0, 1))
+    clear = candidates[points[candidates, 2] >= needed]
+    return clear if len(clear) else candidates
 
 
 def _leverages(

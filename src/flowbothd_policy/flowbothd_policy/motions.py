@@ -174,7 +174,8 @@ def after_step(turn: Turn, result: MotionResult, said: str) -> None:
     opening = turn.opening
     lost = result.reason is MotionReason.SUCTION_LOST or not result.vacuum
     said += f"; the part moved {100 * float(np.linalg.norm(motion)):.1f} cm"
-    late = max(opening.share, _turned(turn, result)) >= turn.params.opening.stall_fraction
+    turned = _turned(turn, result)
+    late = max(opening.share, turned) >= turn.params.opening.stall_fraction
     cannot_follow = not moved and result.reason in _CANNOT_GO
     no_use = result.reason is MotionReason.REACHED and not moved
     if late and (no_use or result.reason in _STALLS):
@@ -183,6 +184,10 @@ def after_step(turn: Turn, result: MotionResult, said: str) -> None:
         attempts.end(turn, Outcome.OPENED, f"{said}; {_in_words(turn)}, the target")
     elif turn.state.stalls >= turn.params.opening.stalls:
         reason = f"{said}; stalled {turn.state.stalls} times after {_in_words(turn)}"
+        if turned > opening.share:
+            reason += (
+                f"; the surface has turned by {100 * turned:.0f} % of it since it was first held"
+            )
         attempts.end(turn, Outcome.OPENED, reason)
     elif result.reason in _CUT_SHORT:
         attempts.interrupted(turn, said)

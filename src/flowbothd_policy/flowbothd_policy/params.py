@@ -66,6 +66,14 @@ class GraspParams:
         minimum=0.0,
         maximum=1.0,
     )
+    table_clearance: float = parameter(
+        0.12,
+        "height above the table (z = 0 of the base) that places for a horizontal pull should have "
+        "[m]: the wrist behind the cup needs that room to turn with the part; lower places are "
+        "taken where there are no others, and for vertical pulls; 0 = any, as the paper",
+        minimum=0.0,
+        maximum=1.0,
+    )
     avoid_radius: float = parameter(
         0.02,
         "places nearer than this to one where the cup did not seal are avoided [m]",

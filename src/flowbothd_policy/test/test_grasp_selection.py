@@ -10,7 +10,7 @@ from flowbothd_policy.grasp_selection import Place, select_grasp
 from flowbothd_policy.oracle import OracleParams, draw
 from flowbothd_policy.params import GraspParams
 
-PAPER = GraspParams(edge_margin=0.0, direction="flow", normal_angle=0.0)
+PAPER = GraspParams(edge_margin=0.0, direction="flow", normal_angle=0.0, table_clearance=0.0)
 
 
 @pytest.fixture
@@ -135,3 +135,46 @@ def test_a_pull_far_from_the_normal_stays_as_predicted():
     assert angle_between(grasp.direction, np.array([1.0, 0.0, 0.0])) == pytest.approx(
         np.radians(50), abs=np.radians(3)
     )
+
+
+def leaf(low: float, high: float, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Points of an upright leaf between two heights, hinged at y = 0.1, and their flow."""
+    rng = np.random.default_rng(seed)
+    points = np.column_stack(
+        [np.full(900, 0.5), rng.uniform(-0.1, 0.1, 900), rng.uniform(low, high, 900)]
+    ).astype(np.float32)
+    flow = np.cross((0, 0, 1.0), points - (0.5, 0.1, 0)).astype(np.float32)
+    return points, flow / np.linalg.norm(flow, axis=1).max()
+
+
+@pytest.mark.parametrize("seed", range(10))
+def test_an_upright_leaf_is_held_where_the_wrist_has_room(seed):
+    points, flow = leaf(0.0, 0.4, seed)
+    flow[points[:, 2] < 0.1] *= 1.02  # the noise of a prediction speaks for the lower end
+    assert select_grasp(points, flow, PAPER, leverage=0.2).point[2] < 0.1
+    for params in (PAPER, GraspParams()):
+        clear = replace(params, table_clearance=0.12)
+        assert select_grasp(points, flow, clear, leverage=0.2).point[2] >= 0.12
+
+
+def test_a_low_drawer_is_held_all_the_same():
+    points, _ = leaf(0.02, 0.1)
+    flow = np.tile(np.float32([-1, 0, 0]), (len(points), 1))
+    grasp = select_grasp(points, flow, GraspParams(table_clearance=0.12), leverage=0.2)
+    assert grasp.point[2] < 0.1
+
+
+def test_a_low_lid_is_held_wherever_its_leverage_is_largest():
+    rng = np.random.default_rng(0)
+    points = np.column_stack(
+        [rng.uniform(0.4, 0.6, 900), rng.uniform(-0.1, 0.1, 900), np.full(900, 0.05)]
+    )
+    high = np.column_stack(
+        [rng.uniform(0.6, 0.605, 60), rng.uniform(-0.1, 0.1, 60), rng.uniform(0.12, 0.2, 60)]
+    )
+    points = np.concatenate([points, high]).astype(np.float32)
+    flow = np.cross((0, -1.0, 0), points - (0.62, 0, 0.05)).astype(np.float32)
+    flow[900:] = 0
+    flow /= np.linalg.norm(flow, axis=1).max()
+    grasp = select_grasp(points, flow, GraspParams(table_clearance=0.12), leverage=0.2)
+    assert grasp.point[0] < 0.45

@@ -123,7 +123,7 @@ def policy_params(
         occluded_leverage_from_screw=False,
         recontact_consistency="last",
         history_agreement=np.pi,
-        grasp=GraspParams(edge_margin=0.0, direction="flow", normal_angle=0.0),
+        grasp=GraspParams(edge_margin=0.0, direction="flow", normal_angle=0.0, table_clearance=0.0),
     )
 
 

@@ -13,7 +13,7 @@ from flowbothd_common.motion import MotionGoal
 from flowbothd_common.types import Cloud, History, SuctionPhase
 from flowbothd_policy.events import CloudArrived, Event, MotionFinished, SuctionChanged
 from flowbothd_policy.oracle import OracleParams, OraclePredictor, Truth
-from flowbothd_policy.params import OpeningParams, PolicyParams
+from flowbothd_policy.params import GraspParams, OpeningParams, PolicyParams
 from flowbothd_policy.predictor import FlowPredictor, max_normalised
 from sim_bridge.floating import FloatingWorld
 from sim_bridge.objects.model import ObjectModel
@@ -29,6 +29,8 @@ FLOATING_POLICY = PolicyParams(
     # Less is jitter of a ball that pulls at a part which cannot follow.
     consistency_min_motion=0.005,
     opening=OpeningParams(target_angle=100.0, target_distance=1000.0, limit_last_step=False),
+    # There is no wrist behind the ball.
+    grasp=GraspParams(table_clearance=0.0),
 )
 """The policy as the paper's evaluation runs it: 30 steps, ended when the joint is open."""
 
