@@ -4,7 +4,7 @@ Conditional implicit maximum likelihood (Li et al. 2020; Rupprecht et al. 2017 f
 choice): for every cloud several vectors are drawn, and the network learns from the one whose flow
 comes nearest to the truth. Every answer in the data is thus near some vector's flow, which is what
 the winner-take-all error asks for. Now and then the first vector learns instead of the best, so
-that none is left to give nonsense; with a history, which says what is moving, mostly so.
+that none is left to give nonsense; with a history that says what is moving, mostly so.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from torch import Tensor
 from flowbothd_model.network import FlowNetwork, HistoryBatch
 
 _ANY = 0.05
-_ANY_WITH_HISTORY = 0.7
+_ANY_TOLD = 0.7
 _SHORT = 0.1  # below this length the angle counts less: its gradient would have no bound
 LEVEL = 100.0
 """The level that stands for "nothing is known of the flow yet"."""
@@ -52,6 +52,7 @@ def implicit_prediction(
     network: FlowNetwork,
     points: Tensor,
     history: HistoryBatch | None,
+    told: Tensor,
     flow: Tensor,
     latent: int,
     hypotheses: int,
@@ -64,6 +65,7 @@ def implicit_prediction(
         network: With a latent input.
         points: (B, N, 3) in the model's frame.
         history: Likewise.
+        told: (B,) bool, whether the history says what is moving.
         flow: (B, N, 3) truth.
         latent: Size of the vectors.
         hypotheses: Vectors tried per cloud.
@@ -80,8 +82,7 @@ def implicit_prediction(
         error = relative_error(
             tried.float(), flow.repeat_interleave(hypotheses, 0), angle_weight
         ).view(batch, hypotheses)
-    present = history.present if history is not None else torch.zeros_like(lucky, dtype=torch.bool)
-    anyone = lucky < torch.where(present, _ANY_WITH_HISTORY, _ANY)
+    anyone = lucky < torch.where(told, _ANY_TOLD, _ANY)
     chosen = torch.where(anyone, 0, error.argmin(1))
     picked = vectors[torch.arange(batch, device=points.device), chosen]
     return network.denoise(context, picked, level[:batch])

@@ -47,11 +47,12 @@ class Objective(nn.Module):
         """Mean loss of a batch on the network's device; `generator` is on the CPU."""
         config = self.config
         points, past = into_frame(config.frame, batch.points, batch.history_points)
-        history = None
+        history, told = None, torch.zeros_like(batch.has_history)
         if config.network.history and past is not None:
-            history = HistoryBatch(past, self._past_flow(batch, generator), batch.has_history)
+            flow, told = self._past_flow(batch, generator)
+            history = HistoryBatch(past, flow, batch.has_history)
         if config.network.latent:
-            return self._implicit(points, history, batch.flow, generator)
+            return self._implicit(points, history, told, batch.flow, generator)
         if not config.network.diffusion:
             level = torch.ones(len(points), device=points.device)
             prediction = self.network(points, history, torch.zeros_like(points), level)
@@ -67,13 +68,13 @@ class Objective(nn.Module):
         prediction = self.network(points, history, noisy, level * config.diffusion.steps)
         return self._diffusion.loss(prediction.float(), flow, noise, level)
 
-    def _past_flow(self, batch: Batch, generator: torch.Generator) -> Tensor:
-        """(B, M, 3) flow of the histories: true, or what the network says."""
+    def _past_flow(self, batch: Batch, generator: torch.Generator) -> tuple[Tensor, Tensor]:
+        """(B, M, 3) flow of the histories, true or the network's own; (B,) whether it tells."""
         flow, rows = batch.history_flow, batch.has_history
         if not self._own_histories or not bool(rows.any()):
-            return flow
-        given = flow.clone()
-        given[rows] = with_own_histories(
+            return flow, rows
+        given, told = flow.clone(), rows.clone()
+        given[rows], told[rows] = with_own_histories(
             self.network,
             self.config,
             batch.history_points[rows],
@@ -81,12 +82,13 @@ class Objective(nn.Module):
             self._own_histories,
             generator,
         )
-        return given
+        return given, told
 
     def _implicit(
         self,
         points: Tensor,
         history: HistoryBatch | None,
+        told: Tensor,
         flow: Tensor,
         generator: torch.Generator,
     ) -> Tensor:
@@ -96,6 +98,7 @@ class Objective(nn.Module):
             self.network,
             points,
             history,
+            told,
             flow,
             self.config.network.latent,
             settings.hypotheses,

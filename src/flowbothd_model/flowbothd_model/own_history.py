@@ -18,6 +18,7 @@ from flowbothd_model.config import ModelConfig
 from flowbothd_model.network import FlowNetwork
 from flowbothd_model.sampler import encode_batch, sample_flows
 
+_TELLING = 0.7
 _STEPS = 8  # of a chain; short, because it is paid for in every step of the training
 
 
@@ -28,8 +29,8 @@ def with_own_histories(
     flow: Tensor,
     share: float,
     generator: torch.Generator,
-) -> Tensor:
-    """(B, M, 3) flow of the histories, a `share` of them the network's own; no gradients.
+) -> tuple[Tensor, Tensor]:
+    """Flow of the histories, a `share` of them the network's own; no gradients.
 
     Args:
         network: As it stands.
@@ -38,6 +39,10 @@ def with_own_histories(
         flow: (B, M, 3) their true flow, max-normalised.
         share: Of the histories for which the network is asked, 0 to 1.
         generator: Of samples and choice, on the CPU.
+
+    Returns:
+        (B, M, 3) flow, and (B,) whether it tells the part's motion: with one that does not, several
+        answers have to stay open.
     """
     asked = (torch.rand((len(points),), generator=generator) < share).to(points.device)
     seed = int(torch.randint(2**31, (1,), generator=generator))
@@ -49,7 +54,13 @@ def with_own_histories(
         context = encode_batch(network, config, points, None, None, absent)
         own = sample_flows(network, config, context, 1, seed, "ddim", steps, len(points)).float()
         network.train(before)
-        return torch.where((asked & would_move(own, flow))[:, None, None], own, flow)
+        given = torch.where((asked & would_move(own, flow))[:, None, None], own, flow)
+        return given, agreement(given, flow) > _TELLING
+
+
+def agreement(predicted: Tensor, flow: Tensor) -> Tensor:
+    """(B,) cosine of whole fields (B, N, 3); a left and a right hinge agree by 0.5."""
+    return fn.cosine_similarity(predicted.flatten(1), flow.flatten(1), dim=1)
 
 
 def would_move(predicted: Tensor, flow: Tensor) -> Tensor:

@@ -18,14 +18,17 @@ class Signs(FlowNetwork):
         return flow
 
 
-def answers(present: bool, hypotheses: int) -> torch.Tensor:
+def answers(told: bool, hypotheses: int) -> torch.Tensor:
     """Which way the learning hypothesis of 500 clouds goes; the truth is +x."""
     points = torch.zeros(500, 4, 3)
     truth = torch.zeros(500, 4, 3)
     truth[..., 0] = 1.0
-    history = HistoryBatch(points, truth, torch.full((500,), present))
+    history = HistoryBatch(points, truth, torch.full((500,), True))
+    telling = torch.full((500,), told)
     generator = torch.Generator().manual_seed(0)
-    chosen = implicit_prediction(Signs(), points, history, truth, 2, hypotheses, 0.1, generator)
+    chosen = implicit_prediction(
+        Signs(), points, history, telling, truth, 2, hypotheses, 0.1, generator
+    )
     return chosen[:, 0, 0]
 
 
@@ -45,7 +48,7 @@ def test_vectors_of_one_cloud_lie_in_different_octants_and_are_normal():
     assert spread_vectors(2, 11, 2, torch.Generator().manual_seed(0)).shape == (2, 11, 2)
 
 
-def test_with_a_history_mostly_any_learns():
+def test_with_a_history_that_tells_the_motion_mostly_any_learns():
     wrong = float((answers(True, 6) < 0).float().mean())
     assert 0.28 < wrong < 0.42
 

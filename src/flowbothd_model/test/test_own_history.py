@@ -10,7 +10,7 @@ from flowbothd_model.config import PRESETS
 from flowbothd_model.data.sampling import SampleConfig
 from flowbothd_model.data.stream import Mixture, ProceduralSource
 from flowbothd_model.factory import build
-from flowbothd_model.own_history import with_own_histories, would_move
+from flowbothd_model.own_history import agreement, with_own_histories, would_move
 from flowbothd_model.train_config import TrainConfig
 from flowbothd_model.trainer import Trainer
 
@@ -66,18 +66,30 @@ def test_a_share_of_the_histories_is_the_networks_own(preset):
     network, config = trained_a_little(preset), PRESETS[preset]
     truth = torch.nn.functional.normalize(cloud(1), dim=-1)
 
-    def drawn(share: float, seed: int = 0) -> torch.Tensor:
+    def drawn(share: float, seed: int = 0) -> tuple[torch.Tensor, torch.Tensor]:
         generator = torch.Generator().manual_seed(seed)
         return with_own_histories(network, config, cloud(0), truth, share, generator)
 
-    assert torch.equal(drawn(0.0), truth)
-    given = drawn(1.0)
-    assert torch.equal(given, drawn(1.0))  # the same generator, the same histories
+    given, told = drawn(0.0)
+    assert torch.equal(given, truth)
+    assert told.all()
+    given, told = drawn(1.0)
+    assert torch.equal(given, drawn(1.0)[0])  # the same generator, the same histories
     assert not given.requires_grad
     own = (given != truth).flatten(1).any(1)
     assert own.any()
     assert torch.allclose(given[own].norm(dim=-1).amax(1), torch.ones(int(own.sum())), atol=1e-3)
     assert would_move(given, truth)[own].all()
+    assert told[~own].all()
+    assert not told[own].any()  # of random weights, about random truths
+
+
+def test_a_hinge_on_the_wrong_side_does_not_tell_the_motion():
+    side = torch.linspace(0, 1, 50)
+    left, right = torch.zeros(1, 50, 3), torch.zeros(1, 50, 3)
+    left[0, :, 0], right[0, :, 0] = side, 1 - side
+    assert agreement(left, left).item() == pytest.approx(1)
+    assert agreement(left, right).item() == pytest.approx(0.5, abs=0.05)
 
 
 def run(folder: Path, steps: int, **changes: object) -> Trainer:
