@@ -171,6 +171,15 @@ COMMANDS = (
         ("flowbothd bench motion --requests 10000 --json out/bench_motion.json",),
     ),
     Command(
+        "bench openings",
+        "flowbothd_bringup.bench_openings",
+        "how far the arm opens each part from its committed pose, breaks and touches; resumable",
+        (
+            "flowbothd bench openings --tasks pull_left drawer --seeds 3 --frames out/openings",
+            "flowbothd bench openings --tasks drawer --search 1000 --out out/search.jsonl",
+        ),
+    ),
+    Command(
         "bench sim",
         "flowbothd_bringup.bench_sim",
         "time the simulation: camera, physics, motion, whole rollouts",

@@ -82,6 +82,20 @@ def led_axes(axis: Array, direction: Array, lead: float, max_lead: float) -> lis
     return [led, aligned, np.asarray(half)]
 
 
+def lagging_axis(axis: Array, direction: Array, lag: float) -> Array:
+    """(3,) axis of a pushing tool at the end of a step: as it is, or at `lag` [rad] behind.
+
+    Args:
+        axis: (3,) present tool axis.
+        direction: (3,) unit flow at the end of the step.
+        lag: Largest tilt against it [rad].
+    """
+    angle = angle_between(axis, direction)
+    if angle <= lag:
+        return axis
+    return np.asarray(rotation_about(np.cross(direction, axis), lag) @ direction)
+
+
 def led_axis(axis: Array, direction: Array, lead: float, max_lead: float) -> Array:
     """(3,) tool axis at the end of a flow step.
 

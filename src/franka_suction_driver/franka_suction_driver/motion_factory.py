@@ -6,12 +6,13 @@ from dataclasses import dataclass, replace
 
 from flowbothd_common.errors import MotionRejectedError
 from flowbothd_common.motion import MotionGoal, MotionKind, MotionReason, RobotObservation
-from flowbothd_common.types import Array
+from flowbothd_common.types import Array, JointArc
 from franka_suction_driver.collision import CollisionChecker
+from franka_suction_driver.continuation import displacement
 from franka_suction_driver.flow_step import FlowStep
-from franka_suction_driver.goals import led_axes, tool_line, travel_direction
+from franka_suction_driver.goals import lagging_axis, led_axes, tool_line, travel_direction
 from franka_suction_driver.joint_motion import JointMotion
-from franka_suction_driver.kinematics import Kinematics
+from franka_suction_driver.kinematics import Kinematics, TipState
 from franka_suction_driver.limits import JointLimits
 from franka_suction_driver.motion_step import Ending, RunningMotion
 from franka_suction_driver.params import MotionParams
@@ -123,6 +124,17 @@ class MotionFactory:
         reference, rollout = self._follower.plan(shorter, Bounds(speed), start)
         return reference, replace(rollout, problem=MotionReason.COLLISION.value, detail=touch)
 
+    def _final_axes(
+        self, tip: TipState, direction: Array, distance: float, arc: JointArc | None
+    ) -> list[Array]:
+        """Tool axes (3,) to try for the end of a flow step, the best first."""
+        params = self._params.flow_step
+        axes = led_axes(tip.axis, direction, params.lead, params.max_lead)
+        if float(tip.axis @ direction) < 0:
+            return axes
+        turned = displacement(tip.position, direction, arc, distance)[:3, :3] @ direction
+        return [lagging_axis(tip.axis, turned, params.push_lag), *axes]
+
     def _flow_step(
         self, goal: MotionGoal, direction: Array, seen: RobotObservation, start: JointState
     ) -> RunningMotion | Ending:
@@ -132,7 +144,7 @@ class MotionFactory:
         distance = goal.distance or params.distance
         tip = self._robot.tip(start.position)
         plans = []
-        for axis in led_axes(tip.axis, direction, params.lead, params.max_lead):
+        for axis in self._final_axes(tip, direction, distance, goal.arc):
             line = tool_line(tip, direction, distance, axis, distance * params.realign_part)
             plans.append(self._follower.plan(line, Bounds(params.speed), start))
             if plans[-1][1].travel > _ENOUGH * distance:

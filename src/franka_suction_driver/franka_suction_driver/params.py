@@ -153,6 +153,13 @@ class FlowStepParams:
         maximum=1.0,
     )
     max_lead: float = parameter(0.2, "Largest turn ahead of the flow [rad]", minimum=0.0)
+    push_lag: float = parameter(
+        0.42,
+        "Tilt at which a pushing tool begins to turn with the face; turning at once, its body "
+        "swings into the frame that the part leaves. Below the tilt at which the cup peels [rad]",
+        minimum=0.0,
+        maximum=1.0,
+    )
     force_limit: float = parameter(
         22.0,
         "Force on the tool that ends the step; below what breaks the cup loose [N]",

@@ -159,6 +159,7 @@ class Planner:
         rng: np.random.Generator,
     ) -> PlannedMotion:
         planning = self._params.planning
+        slack = planning.tilt_slack if side > 0 else self._params.flow_step.push_lag
         part = moving_part(contact, direction, side, arc, self.collision.points)
         self.collision.set_boxes([] if part is None else [part])
         branches: _Branches | None = None
@@ -172,7 +173,7 @@ class Planner:
                 arc,
                 tilt=tilt,
                 back_off=self._params.approach.back_off,
-                tilt_slack=planning.tilt_slack,
+                tilt_slack=slack,
             )
             found = self._branches(start, poses, part, rng)
             # What kept the straight tool away is the better explanation.

@@ -1,0 +1,58 @@
+"""Pictures of a run's moments, side by side."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import matplotlib as mpl
+
+mpl.use("Agg")
+import matplotlib.pyplot as plt
+import numpy as np
+from numpy.typing import NDArray
+
+from flowbothd_bringup.openings.part import TruePart
+from flowbothd_bringup.openings.task import Opening
+from flowbothd_bringup.openings.views import picture_view
+from sim_bridge.render import render_rgb
+from sim_bridge.world import ArmWorld
+
+_SIZE = (400, 360)
+_FOV_DEG = 40.0
+_COLUMNS = 4
+_MOST = 8
+
+
+class Strip:
+    """Takes a picture whenever it is told of a moment.
+
+    Args:
+        opening: Tells where pictures are taken from.
+    """
+
+    def __init__(self, opening: Opening) -> None:
+        self._view = picture_view(TruePart(opening))
+        self._shots: list[tuple[str, NDArray[np.uint8]]] = []
+
+    def __call__(self, moment: str, world: ArmWorld) -> None:
+        """Take a picture."""
+        picture = render_rgb(world.parts(), world.part_poses(), *self._view, _SIZE, _FOV_DEG)
+        self._shots.append((f"{moment}, {world.time:.1f} s", picture))
+
+    def save(self, path: Path) -> None:
+        """Write at most eight of them, evenly picked, the first and the last among them."""
+        count = min(_MOST, len(self._shots))
+        picked = np.linspace(0, len(self._shots) - 1, count).round().astype(int)
+        rows = -(-count // _COLUMNS)
+        figure, axes = plt.subplots(
+            rows, _COLUMNS, figsize=(3.1 * _COLUMNS, 3.0 * rows), layout="constrained"
+        )
+        for axis in axes.flat:
+            axis.set_axis_off()
+        for axis, index in zip(axes.flat, picked, strict=False):
+            title, picture = self._shots[index]
+            axis.imshow(picture)
+            axis.set_title(title, fontsize=8)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        figure.savefig(path, dpi=80)
+        plt.close(figure)
