@@ -1,5 +1,6 @@
 """Tables: the paper's numbers where they belong, denominators that leave nothing out."""
 
+import json
 import math
 
 import pytest
@@ -163,6 +164,17 @@ def test_the_command_writes_one_report(tmp_path, capsys):
     for picture in (line.split("](")[1].rstrip(")") for line in page.splitlines() if "![" in line):
         assert (out / picture).stat().st_size > 1000
     assert r"\begin{tabular}" in (out / "tables.tex").read_text()
+
+
+def test_two_weights_are_not_mixed_in_one_row(tmp_path, capsys):
+    """Weights trained anew have the same name."""
+    old, new = record(weights_sha256="ab"), record(trial=1, weights_sha256="cd")
+    path = tmp_path / "results.jsonl"
+    path.write_text("".join(json.dumps(r) + "\n" for r in (old, new, record("oracle"))))
+    assert cli.main(["tables", str(path), "--out", str(tmp_path / "report")]) == 2
+    told = capsys.readouterr().err
+    assert "FlowBotHD" in told
+    assert "compact ab, compact cd" in told
 
 
 @pytest.mark.parametrize("content", ["", '{"success": true}\n'])

@@ -30,6 +30,7 @@ from flowbothd_bringup.resumable import read_records
 from flowbothd_common.errors import ObjectModelError, ParameterError
 from flowbothd_model.data.procedural.catalogue import make
 from flowbothd_model.data.splits import NEVER_TRAINED_ON, held_out_ids
+from flowbothd_model.predictor import find_weights
 
 pytestmark = [pytest.mark.ros, pytest.mark.timeout(300)]
 
@@ -230,6 +231,25 @@ def name(record):
 if __name__ == "__main__":
     run_resumable({n: n for n in range(400)}, square, name, Path(sys.argv[1]), 2)
 """
+
+
+def test_weights_trained_anew_are_tried_anew(tmp_path):
+    """Records of other weights by the same name do not count as done."""
+    weights = tmp_path / "mine.safetensors"
+    shutil.copy(find_weights("compact-no-diffusion"), weights)
+    out = tmp_path / "out.jsonl"
+    arguments = ("--method", "flowbothd-nodiffusion", "--trials", "1", "--steps", "1", "--jobs")
+    arguments += ("1", "--no-filter", "--weights", f"flowbothd-nodiffusion={weights}")
+    assert evaluate(out, *arguments) == 0
+    first = read_records(out)
+    assert evaluate(out, *arguments) == 0
+    assert read_records(out) == first
+    shutil.copy(find_weights("compact-flowbot3d-ro"), weights)
+    assert evaluate(out, *arguments) == 0
+    both = read_records(out)
+    assert len(both) == 2 * len(first)
+    assert {r["weights"] for r in both} == {str(weights)}
+    assert len({r["weights_sha256"] for r in both}) == 2
 
 
 def test_two_commands_do_not_write_the_same_file(tmp_path):

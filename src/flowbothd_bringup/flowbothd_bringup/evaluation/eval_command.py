@@ -15,6 +15,7 @@ from flowbothd_bringup.evaluation.methods import (
     every_combination,
     method,
     parse_switches,
+    weights_digest,
     weights_of,
 )
 from flowbothd_bringup.evaluation.suites import SUITES, Row, Suite
@@ -155,11 +156,8 @@ def _weights(given: Sequence[str], rows: Sequence[Row]) -> dict[str, str]:
             )
         changed[name] = path
     found = {row.method: weights_of(METHODS[row.method], changed) for row in rows}
-    for weights in filter(None, found.values()):
-        from flowbothd_model.checkpoint import read_checkpoint
-        from flowbothd_model.predictor import find_weights
-
-        read_checkpoint(find_weights(weights))
+    for name in found.values():
+        weights_digest(name)
     return found
 
 
@@ -184,6 +182,7 @@ def _trials(
     weights: Mapping[str, str],
     arguments: argparse.Namespace,
 ) -> Iterator[EvalTrial]:
+    name = weights.get(row.method, "")
     for mask in row.masks:
         for case in cases:
             links = case.openable if mask != NONE else ("",) * bool(case.openable)
@@ -196,9 +195,10 @@ def _trials(
                         row.method,
                         row.switches,
                         row.policy,
-                        weights.get(row.method, ""),
+                        name,
                         arguments.steps,
                         arguments.seed,
+                        weights_digest(name),
                     )
 
 

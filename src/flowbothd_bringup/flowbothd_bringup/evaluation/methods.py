@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -147,14 +148,35 @@ class RandomPredictor:
 
 
 @lru_cache(maxsize=2)
-def load_weights(name: str) -> FlowPredictor:
-    """The network, loaded once in a process; one thread, since trials run side by side."""
+def load_weights(name: str, digest: str = "") -> FlowPredictor:
+    """The network, loaded once in a process; one thread, since trials run side by side.
+
+    Args:
+        name: Name or path.
+        digest: Of the file, where it may have been written anew since.
+    """
     import torch
 
     from flowbothd_model import load
 
     torch.set_num_threads(1)
     return load(name)
+
+
+def weights_digest(name: str) -> str:
+    """First 16 digits of the sha256 of a file of weights; empty for none.
+
+    Raises:
+        CheckpointError: no such weights, or the file is damaged.
+    """
+    if not name:
+        return ""
+    from flowbothd_model.checkpoint import read_checkpoint
+    from flowbothd_model.predictor import find_weights
+
+    file = find_weights(name)
+    read_checkpoint(file)
+    return hashlib.sha256(file.read_bytes()).hexdigest()[:16]
 
 
 def weights_of(chosen: Method, given: Mapping[str, str]) -> str:

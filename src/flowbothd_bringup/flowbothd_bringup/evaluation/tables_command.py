@@ -9,7 +9,7 @@ from pathlib import Path
 
 from flowbothd_bringup.evaluation.methods import METHODS
 from flowbothd_bringup.evaluation.report_page import Picture, page
-from flowbothd_bringup.evaluation.tables import RowNumbers, rows_of
+from flowbothd_bringup.evaluation.tables import RowKey, RowNumbers, row_key, row_title, rows_of
 from flowbothd_bringup.evaluation.tables_text import category_table, latex, markdown
 from flowbothd_bringup.evaluation.trial import TRUTH
 from flowbothd_bringup.resumable import Record, read_records
@@ -71,7 +71,8 @@ def load(paths: Sequence[Path]) -> list[Record]:
     """Records of several files.
 
     Raises:
-        ParameterError: a file is missing or empty, or a record is of something else.
+        ParameterError: a file is missing or empty, a record is of something else, or one row has
+            records of several weights.
     """
     records: list[Record] = []
     for path in paths:
@@ -84,6 +85,17 @@ def load(paths: Sequence[Path]) -> list[Record]:
                 got="nothing" if not found else f"a record with {', '.join(sorted(foreign or {}))}",
             )
         records += found
+    of_row: dict[RowKey, set[str]] = {}
+    for record in records:
+        name = f"{record['weights']} {record.get('weights_sha256', '')}".strip()
+        of_row.setdefault(row_key(record), set()).add(name)
+    for key, names in of_row.items():
+        if len(names) > 1:
+            raise ParameterError(
+                f"records of {row_title(key)} [{key[1] or 'none'}] come from several weights",
+                got=", ".join(sorted(names)),
+                hint="a file of records for each, and a report for each",
+            )
     return records
 
 

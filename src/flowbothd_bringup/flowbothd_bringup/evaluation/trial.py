@@ -51,6 +51,7 @@ class EvalTrial:
         weights: Name or path; empty for methods without.
         steps: Pulls at most.
         seed: Of the whole evaluation.
+        weights_digest: Of the file of weights: trained anew, they are others by the same name.
     """
 
     case: Case
@@ -62,6 +63,7 @@ class EvalTrial:
     weights: str
     steps: int
     seed: int
+    weights_digest: str = ""
 
     @property
     def target_mask(self) -> str:
@@ -85,6 +87,7 @@ class EvalTrial:
             "switches": "+".join(self.switches),
             "policy": self.policy,
             "weights": self.weights,
+            "weights_sha256": self.weights_digest,
             "max_steps": self.steps,
             "base_seed": self.seed,
             "seed": self.own_seed,
@@ -99,7 +102,7 @@ def record_key(record: Record) -> Hashable:
     """What tells one record from another; without a target the link is an outcome."""
     link = record["link"] if record["target_mask"] == TRUTH else ""
     names = ("object", "trial", "method", "switches", "policy", "weights", "max_steps", "base_seed")
-    return (link, *(record[name] for name in names))
+    return (link, record.get("weights_sha256", ""), *(record[name] for name in names))
 
 
 def run_trial(trial: EvalTrial) -> Record:
@@ -204,7 +207,7 @@ def _predictor(trial: EvalTrial, chosen: Method, adapter: FloatingPolicyWorld) -
         exact = OracleParams(noise=0.0, tilt=0.0)
         predictor = OraclePredictor(lambda p: adapter.truth(p, target_only=only), exact)
     elif trial.weights:
-        predictor = load_weights(trial.weights)
+        predictor = load_weights(trial.weights, trial.weights_digest)
     else:
         predictor = RandomPredictor()
     return TargetOnly(predictor, adapter) if only else predictor
