@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TypeGuard
 
 import numpy as np
 
@@ -15,6 +16,8 @@ _PROBE_POSES = 4
 _BACK_OFF_POSES = 3
 _PLATE = 0.02
 _BEYOND = 0.03
+_MOST_BEYOND = 0.15
+_GAP = 0.025
 _NEAR_PLATE = 0.03
 _DEFAULT_HALF_HEIGHT = 0.1
 
@@ -28,12 +31,14 @@ class ToolPoses:
         axes: (K, 3) unit directions of the tool's z axis in base.
         part: (K, 4, 4) displacement of the moving part in base at each pose.
         contact: Index of the pose at the contact.
+        opened: Index of the pose at the end of the opening.
     """
 
     positions: Array
     axes: Array
     part: Array
     contact: int
+    opened: int
 
 
 def opening_poses(
@@ -75,12 +80,13 @@ def opening_poses(
         positions.append(moved[:3, :3] @ contact + moved[:3, 3])
         axes.append(lagging[:3, :3] @ axis)
         part.append(moved)
+    last = _PROBE_POSES - 1 + count
     # Whoever opens has to get away again.
     for way in np.linspace(0.0, back_off, _BACK_OFF_POSES + 1)[1:] if back_off > 0 else ():
-        positions.append(positions[_PROBE_POSES - 1 + count] - axes[_PROBE_POSES - 1 + count] * way)
-        axes.append(axes[_PROBE_POSES - 1 + count])
-        part.append(part[_PROBE_POSES - 1 + count])
-    return ToolPoses(np.array(positions), np.array(axes), np.array(part), _PROBE_POSES - 1)
+        positions.append(positions[last] - axes[last] * way)
+        axes.append(axes[last])
+        part.append(part[last])
+    return ToolPoses(np.array(positions), np.array(axes), np.array(part), last - count, last)
 
 
 def displacement(
@@ -104,49 +110,114 @@ def displacement(
     return transform(rotation, arc.point - rotation @ arc.point)
 
 
-def moving_part(
-    contact: Array, direction: Array, side: int, arc: JointArc | None, cloud: Cloud | None
-) -> Box | None:
-    """The swinging part as a plate between its axis and the contact, or None if nothing is known.
+@dataclass(frozen=True)
+class PlateExtent:
+    """How far a swinging plate reaches from the place where it is held [m].
 
-    Its height is that of the observed points that lie in the plate's plane.
+    Attributes:
+        low: Along its axis, against it; negative.
+        high: Along its axis.
+        beyond: Away from the axis.
+    """
+
+    low: float = -_DEFAULT_HALF_HEIGHT
+    high: float = _DEFAULT_HALF_HEIGHT
+    beyond: float = _BEYOND
+
+
+@dataclass(frozen=True)
+class LeftPart:
+    """Where a part was last held.
+
+    Attributes:
+        contact: (3,) in base [m].
+        flow: (3,) unit direction in which it moved.
+        side: +1 = the tool stands on the side that it moves to.
+        arc: How it moves, if known.
+    """
+
+    contact: Array
+    flow: Array
+    side: int
+    arc: JointArc | None
+
+    def plate(self, extent: PlateExtent) -> Box | None:
+        """The part as a plate, if it swings."""
+        return moving_part(self.contact, self.flow, self.side, self.arc, extent)
+
+
+def plate_extent(
+    contact: Array, direction: Array, arc: JointArc, cloud: Cloud | None
+) -> PlateExtent:
+    """The extent by the observed points in the plate's plane, as far as they hang together.
+
+    Args:
+        contact: (3,) in base [m].
+        direction: (3,) unit flow at the contact.
+        arc: How the part moves, about an axis.
+        cloud: (N, 3) observed points in base, or None.
+    """
+    outward, normal, radius = _plate_axes(contact, direction, arc)
+    if cloud is None:
+        return PlateExtent()
+    offsets = cloud - contact
+    flat = np.abs(offsets @ normal) < _NEAR_PLATE
+    across = offsets @ outward
+    near = flat & (across > -radius) & (across < _BEYOND)
+    if not near.any():
+        return PlateExtent()
+    heights = offsets[near] @ arc.axis
+    outer = np.sort(across[flat & (across > 0) & (across < _MOST_BEYOND)])
+    gaps = np.flatnonzero(np.diff(outer, prepend=0.0) > _GAP)
+    edge = outer[: gaps[0]] if len(gaps) else outer
+    beyond = float(edge[-1]) if len(edge) else 0.0
+    return PlateExtent(float(heights.min()), float(heights.max()), max(beyond, _BEYOND))
+
+
+def moving_part(
+    contact: Array, direction: Array, side: int, arc: JointArc | None, extent: PlateExtent
+) -> Box | None:
+    """The swinging part as a plate from its axis over the contact, or None if it does not swing.
 
     Args:
         contact: (3,) in base [m].
         direction: (3,) unit flow at the contact.
         side: +1 = the tool stands on the side the part moves to.
         arc: How the part moves.
-        cloud: (N, 3) observed points in base, or None.
+        extent: How far the plate reaches.
     """
-    if arc is None or arc.kind is not ArcKind.ARC:
+    if not swings(arc, contact):
         return None
-    radial = _radial(contact, arc)
-    radius = float(np.linalg.norm(radial))
-    if radius < _PLATE:
-        return None
-    outward = radial / radius
-    normal = np.cross(arc.axis, outward)
-    if float(normal @ direction) < 0:
-        normal = -normal
-    low, high = -_DEFAULT_HALF_HEIGHT, _DEFAULT_HALF_HEIGHT
-    if cloud is not None:
-        offsets = cloud - contact
-        near = np.abs(offsets @ normal) < _NEAR_PLATE
-        across = offsets @ outward
-        near &= (across > -radius) & (across < _BEYOND)
-        if near.any():
-            heights = offsets[near] @ arc.axis
-            low, high = float(heights.min()), float(heights.max())
-    size = (radius + _BEYOND, _PLATE, max(high - low, _PLATE))
+    outward, normal, radius = _plate_axes(contact, direction, arc)
+    low, high, beyond = extent.low, extent.high, extent.beyond
+    size = (radius + beyond, _PLATE, max(high - low, _PLATE))
     centre = (
         contact
-        + outward * (_BEYOND - radius) / 2
+        + outward * (beyond - radius) / 2
         - normal * side * _PLATE / 2
         + arc.axis * (low + high) / 2
     )
     # The third axis only carries the height, which is centred: its sign does not matter.
     rotation = np.column_stack([outward, normal, np.cross(outward, normal)])
     return Box(MOVING_PART, size, transform(rotation, centre))
+
+
+def swings(arc: JointArc | None, contact: Array) -> TypeGuard[JointArc]:
+    """Whether a part swings about an axis that is not right at the contact."""
+    if arc is None or arc.kind is not ArcKind.ARC:
+        return False
+    return float(np.linalg.norm(_radial(contact, arc))) >= _PLATE
+
+
+def _plate_axes(contact: Array, direction: Array, arc: JointArc) -> tuple[Array, Array, float]:
+    """Way out from the axis, normal on the side of the flow, and distance from the axis."""
+    radial = _radial(contact, arc)
+    radius = float(np.linalg.norm(radial))
+    outward = radial / radius
+    normal = np.cross(arc.axis, outward)
+    if float(normal @ direction) < 0:
+        normal = -normal
+    return outward, normal, radius
 
 
 def _radial(contact: Array, arc: JointArc) -> Array:

@@ -12,6 +12,7 @@ import numpy as np
 
 from flowbothd_common.types import Array
 from franka_suction_driver.collision import CLOUD, HIDDEN, CollisionChecker, Touch
+from franka_suction_driver.continuation import MOVING_PART
 
 TOOL_LINKS = ("suction_stem", "suction_cup")
 """Parts of the tool that come within the margin of what the cup touches."""
@@ -33,7 +34,7 @@ class Leaving:
     """
 
     def __init__(self, checker: CollisionChecker, start: Array) -> None:
-        tool = {Touch(link, thing) for link in TOOL_LINKS for thing in (CLOUD, HIDDEN)}
+        tool = {Touch(link, thing) for link in TOOL_LINKS for thing in (CLOUD, HIDDEN, MOVING_PART)}
         self._checker = checker
         self._excused = checker.touches(start) | tool
         self._close = self._closely(start)

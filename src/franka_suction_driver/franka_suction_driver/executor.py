@@ -30,6 +30,7 @@ from franka_suction_driver.audit import (
 )
 from franka_suction_driver.collision import CollisionChecker, Margins
 from franka_suction_driver.commander import Commander
+from franka_suction_driver.continuation import LeftPart
 from franka_suction_driver.description import compose_urdf
 from franka_suction_driver.envelope import Envelope, slowed, workspace
 from franka_suction_driver.goals import checked_goal
@@ -123,6 +124,8 @@ class MotionExecutor:
         self._commanded_once = False
         self._running: RunningMotion | None = None
         self._recorder: Recorder | None = None
+        self._goal: MotionGoal | None = None
+        self._left: LeftPart | None = None
         self._stop_request: Ending | None = None
         self._last_request: Ending | None = None
 
@@ -185,7 +188,7 @@ class MotionExecutor:
             if contact is not None and direction is not None:
                 planned = self._planner.approach(start, contact, direction, checked.arc, rng)
         elif checked.kind is MotionKind.RETREAT:
-            planned = self._planner.retreat(start, rng)
+            planned = self._planner.retreat(start, rng, self._left)
         return Prepared(checked, planned)
 
     def begin(self, prepared: Prepared, observation: RobotObservation) -> None:
@@ -200,6 +203,7 @@ class MotionExecutor:
         self._audit.write("goal", observation.time, goal_entry(prepared.goal))
         self._motions += 1
         self._stop_request = self._last_request = None
+        self._goal = prepared.goal
         kind = prepared.goal.kind
         self._recorder = Recorder(kind, self.robot, observation)
         self._envelope.restart()
@@ -320,6 +324,7 @@ class MotionExecutor:
     ) -> MotionUpdate:
         result = recorder.result(ending, fraction, observation)
         self._audit.write("result", observation.time, result_entry(result))
+        self._remember(result)
         self._recorder = None
         self._running = None
         self._stop_request = None
@@ -337,6 +342,18 @@ class MotionExecutor:
             result.message,
         )
         return MotionUpdate(trajectory, fraction, result)
+
+    def _remember(self, result: MotionResult) -> None:
+        """Where the part is that a flow step has moved; forgotten when the arm comes anew."""
+        goal = self._goal
+        if goal is None or goal.direction is None:
+            return
+        if goal.kind is MotionKind.APPROACH:
+            self._left = None
+        elif goal.kind is MotionKind.FLOW_STEP:
+            tip = result.tool_end
+            side = 1 if float(tip[:3, 2] @ goal.direction) < 0 else -1
+            self._left = LeftPart(tip[:3, 3], goal.direction, side, goal.arc)
 
     def _settle_commanded(self, observation: RobotObservation) -> bool:
         """Believe the last command where the arm is near it, the measurement otherwise.

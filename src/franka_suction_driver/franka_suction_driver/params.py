@@ -97,6 +97,9 @@ class PlanningParams:
         minimum=0.0,
         maximum=1.0,
     )
+    pull: bool = parameter(
+        True, "Come from the side of the flow where it can be reached; false = always push"
+    )
     push_from_front: bool = parameter(
         True, "Come from the opposite side where the side of the flow cannot be reached"
     )

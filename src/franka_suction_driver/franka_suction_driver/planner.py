@@ -14,7 +14,15 @@ from flowbothd_common.motion import JointTrajectory, MotionReason
 from flowbothd_common.transforms import rotation_about, unit
 from flowbothd_common.types import Array, JointArc
 from franka_suction_driver.collision import Box, CollisionChecker, Margins
-from franka_suction_driver.continuation import ToolPoses, moving_part, opening_poses
+from franka_suction_driver.continuation import (
+    LeftPart,
+    PlateExtent,
+    ToolPoses,
+    moving_part,
+    opening_poses,
+    plate_extent,
+    swings,
+)
 from franka_suction_driver.envelope import workspace
 from franka_suction_driver.escape import TOOL_LINKS, escape, leaves_and_stays_free
 from franka_suction_driver.inverse_kinematics import PositionBox, follow, solve
@@ -86,6 +94,7 @@ class Planner:
             workspace=workspace(params.safety),
         )
         self._box: PositionBox = limits.box(params.robot.position_margin)
+        self._extent = PlateExtent()
 
     def approach(
         self,
@@ -104,6 +113,8 @@ class Planner:
             arc: How the part is expected to move, or None.
             rng: Source of all randomness.
         """
+        if not self._params.planning.pull:
+            return self._approach_from(-1, start, contact, direction, arc, rng)
         planned = self._approach_from(1, start, contact, direction, arc, rng)
         if planned.trajectory is not None or not self._params.planning.push_from_front:
             return planned
@@ -113,11 +124,28 @@ class Planner:
         why = f"pushing from the opposite side, since from the side of the flow: {planned.message}"
         return replace(other, message=why)
 
-    def retreat(self, start: Array, rng: np.random.Generator) -> PlannedMotion:
+    def retreat(
+        self, start: Array, rng: np.random.Generator, left: LeftPart | None = None
+    ) -> PlannedMotion:
         """Plan straight back along the tool axis, then to the start pose, or near it if taken.
 
         An opened door may stand where the arm started; the arm then waits behind or above.
+
+        Args:
+            start: (J,) configuration at rest.
+            rng: Source of all randomness.
+            left: The part that was held, which the arm hides from the camera; kept clear of where
+                there is a way to.
         """
+        part = None if left is None else left.plate(self._extent)
+        if part is None:
+            return self._retreat(start, rng)
+        self.collision.set_boxes([part])
+        planned = self._retreat(start, rng)
+        self.collision.set_boxes([])
+        return planned if planned.trajectory is not None else self._retreat(start, rng)
+
+    def _retreat(self, start: Array, rng: np.random.Generator) -> PlannedMotion:
         back = self._back_off(start)
         home = np.array(self._params.robot.start_positions)
         way_out, rest = escape(self.collision, back, [home, *self._near_home(home)])
@@ -160,7 +188,11 @@ class Planner:
     ) -> PlannedMotion:
         planning = self._params.planning
         slack = planning.tilt_slack if side > 0 else self._params.flow_step.push_lag
-        part = moving_part(contact, direction, side, arc, self.collision.points)
+        part = None
+        if swings(arc, contact):
+            self._extent = plate_extent(contact, direction, arc, self.collision.points)
+            near = PlateExtent(self._extent.low, self._extent.high)
+            part = moving_part(contact, direction, side, arc, near)
         self.collision.set_boxes([] if part is None else [part])
         branches: _Branches | None = None
         for tilt in _tilts(direction, planning.tilt_slack):
@@ -232,9 +264,9 @@ class Planner:
         room = np.minimum(path.margin[best, : free.max()].min(axis=1), 0.3)
         travel = np.abs(found[best] - start).max(axis=1)
         ranked = best[np.argsort(0.2 * travel - room)][:_GOALS]
-        total = len(poses.positions) - 1 - poses.contact
+        total = poses.opened - poses.contact
         followed = 1.0 if total == 0 else (free.max() - 1 - poses.contact) / total
-        return _Branches(MotionReason.REACHED, "", found[ranked], float(followed))
+        return _Branches(MotionReason.REACHED, "", found[ranked], min(1.0, float(followed)))
 
     def _roomy_branches(
         self, paths: Array, reach: Array, poses: ToolPoses, part: Box | None, touches: list[str]

@@ -26,7 +26,7 @@ from franka_suction_driver.trajectory import JointState, sample_times
 
 STEP = 0.04
 """Time between two points of a tool trajectory [s]."""
-_SLOWINGS = (1.0, 0.6, 0.3)
+_SLOWINGS = (1.0, 0.6, 0.3, 0.15)
 _SHORTENINGS = 5
 _SLOWEST = 0.1
 _STEP_BACK = 0.004

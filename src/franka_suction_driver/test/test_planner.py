@@ -12,7 +12,12 @@ from flowbothd_common.motion import MotionReason
 from flowbothd_common.transforms import angle_between, apply
 from flowbothd_common.types import ArcKind, JointArc
 from franka_suction_driver.collision import CollisionChecker, Margins
-from franka_suction_driver.continuation import displacement, moving_part, opening_poses
+from franka_suction_driver.continuation import (
+    PlateExtent,
+    displacement,
+    moving_part,
+    opening_poses,
+)
 from franka_suction_driver.kinematics import Kinematics
 from franka_suction_driver.limits import JointLimits
 from franka_suction_driver.params import MotionParams
@@ -163,7 +168,7 @@ def test_opening_poses_follow_the_arc_and_the_flow_tells_its_sense() -> None:
 def test_the_moving_part_spans_axis_and_contact_and_leaves_the_tool_room() -> None:
     contact, direction = np.array([0.5, 0.0, 0.3]), np.array([-1.0, 0, 0])
     arc = JointArc(ArcKind.ARC, np.array([0, 0, 1.0]), np.array([0.5, 0.2, 0.0]))
-    part = moving_part(contact, direction, 1, arc, None)
+    part = moving_part(contact, direction, 1, arc, PlateExtent())
     assert part is not None
     corners = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])
     points = apply(part.pose, corners * np.array(part.size) / 2)
@@ -172,4 +177,4 @@ def test_the_moving_part_spans_axis_and_contact_and_leaves_the_tool_room() -> No
     assert points[:, 1].min() < 0.0
     moved = displacement(contact, direction, arc, 0.2 * np.pi / 2)
     np.testing.assert_allclose(apply(moved, contact), [0.3, 0.2, 0.3], atol=1e-9)
-    assert moving_part(contact, direction, 1, None, None) is None
+    assert moving_part(contact, direction, 1, None, PlateExtent()) is None

@@ -41,7 +41,9 @@ NOISE = 0.005
 
 _STEP = 0.05
 _MOST_TURN = 0.3
-_LEAST_STEP = 0.005
+# A pushing tool tilts as far as the cup holds: the part must not turn much before it follows.
+_MOST_TURN_PUSHING = 0.15
+_LEAST_STEP = 0.004
 _IDLE = 0.05
 _MOST_STEPS = 40
 _LONGEST_MOTION = 120.0
@@ -58,7 +60,7 @@ class Course:
     Attributes:
         phase: approach, probe, open, release or leave.
         reached: Joint value when the cup last held [rad or m].
-        breaks: How often the part came off.
+        breaks: Why the part came off, each time.
         peak_force: Largest force on the tool, by phase [N].
         peak_torque: The same of torque [Nm].
         reasons: How every motion ended, in order.
@@ -67,7 +69,7 @@ class Course:
 
     phase: str = "approach"
     reached: float = 0.0
-    breaks: int = 0
+    breaks: list[str] = field(default_factory=list)
     peak_force: dict[str, float] = field(default_factory=dict)
     peak_torque: dict[str, float] = field(default_factory=dict)
     reasons: list[str] = field(default_factory=list)
@@ -130,7 +132,7 @@ class Attempt:
         flow = self._part.flow(self._contact, self._value)
         arc = self._part.arc
         goal = MotionGoal(MotionKind.APPROACH, self._contact, flow, arc=arc)
-        if self._move("approach", goal).reason is MotionReason.REACHED and self._on_its_side(flow):
+        if self._move("approach", goal).reason is MotionReason.REACHED:
             self._take(self._driven.set_suction(self._vacuum))
             self._watch("standoff", self._world)
             towards = -flow if float(self._world.tip_pose()[:3, 2] @ flow) < 0 else flow
@@ -146,19 +148,13 @@ class Attempt:
     def _value(self) -> float:
         return self._world.object_positions()[self._world.model.target_joint]
 
-    def _on_its_side(self, flow: Array) -> bool:
-        """Whether the tool came to the face that the task names."""
-        pushes = float(self._world.tip_pose()[:3, 2] @ flow) > 0
-        if pushes != self._opening.front:
-            self._course.reasons.append("the motion core took the other side of the part")
-        return pushes == self._opening.front
-
     def _open(self) -> None:
         idle = 0
         for step in range(1, _MOST_STEPS + 1):
             tip = self._world.tip_pose()[:3, 3]
             before, left = self._value, self._opening.goal - self._value
-            distance = min(_STEP, _MOST_TURN * self._part.radius(tip), self._part.way(tip, left))
+            turn = _MOST_TURN_PUSHING if self._opening.front else _MOST_TURN
+            distance = min(_STEP, turn * self._part.radius(tip), self._part.way(tip, left))
             flow, arc = self._part.flow(tip, before), self._part.arc
             if left <= 0 or not self._held or idle > 1:
                 break
@@ -204,14 +200,21 @@ class Attempt:
         for event in events:
             if isinstance(event, SuctionChanged):
                 self._held = event.phase is SuctionPhase.HOLDING
-                self._course.breaks += event.phase is SuctionPhase.LOST
+                if event.phase is SuctionPhase.LOST:
+                    self._course.breaks.append(self._world.cup.loss_reason)
 
 
 def _motion_params(opening: Opening, part: TruePart, contact: Array) -> MotionParams:
-    """The simulation's, looking ahead over the whole opening."""
+    """The simulation's, looking ahead over the whole opening, kept to the task's side."""
     params = sim_motion_params()
     ahead = part.way(contact, opening.goal)
-    return replace(params, planning=replace(params.planning, continuation=ahead))
+    planning = replace(
+        params.planning,
+        continuation=ahead,
+        pull=not opening.front,
+        push_from_front=opening.front,
+    )
+    return replace(params, planning=planning)
 
 
 def run_attempt(opening: Opening, seed: int, watch: Watcher = lambda *_: None) -> dict[str, Any]:

@@ -36,7 +36,8 @@ class TruePart:
             self._across = unit(np.cross(joint.axis, (0.0, 0.0, 1.0)))
             self._along = np.cross(self._across, joint.axis)
         else:
-            self._along = joint.axis
+            upwards = float(joint.axis @ (0.1, 0.2, 1.0)) > 0
+            self._along = joint.axis if upwards else -joint.axis
             self._middle = joint.point + joint.axis * float((middle - joint.point) @ joint.axis)
             normal, self._across = _plate(middle - self._middle, joint.axis, high - low)
         self._face = -normal if opening.front else normal

@@ -72,7 +72,7 @@ def table(openings: dict[str, Opening], records: Sequence[Record]) -> str:
             f"| {name} | {scale * opening.wanted:.1f} {unit} "
             f"| {np.median(reached):.1f} / {reached.min():.1f} "
             f"| {sum(r['opened'] for r in rows)} | {sum(r['clean'] for r in rows)} "
-            f"| **{both} of {len(rows)}** | {sum(r['suction_breaks'] for r in rows)} "
+            f"| **{both} of {len(rows)}** | {sum(len(r['suction_breaks']) for r in rows)} "
             f"| {_touched(rows)} | {force:.0f} / {_peak(rows, 'peak_force'):.0f} "
             f"| {_peak(rows, 'peak_torque'):.1f} |"
         )

@@ -123,9 +123,7 @@ class PlaceSearch:
             contact = part.contact(np.zeros(2))
         except ParameterError:
             return nothing
-        if opening.front and self._behind_too(opening, part, contact):
-            return nothing
-        poses = self._poses(opening, part, contact, -1 if opening.front else 1)
+        poses = self._poses(opening, part, contact)
         found = solve(self._arm, self._box, self._seeds, poses.positions[0], poses.axes[0])
         if not len(found):
             return nothing
@@ -173,19 +171,12 @@ class PlaceSearch:
             low = np.array([(low[0] + high[0]) / 2, low[1]])
         return low, high
 
-    def _behind_too(self, opening: Opening, part: TruePart, contact: Array) -> bool:
-        """Whether the motion core would rather pull from behind."""
-        poses = self._poses(opening, part, contact, 1)
-        return bool(
-            len(solve(self._arm, self._box, self._seeds, poses.positions[0], poses.axes[0]))
-        )
-
-    def _poses(self, opening: Opening, part: TruePart, contact: Array, side: int) -> ToolPoses:
+    def _poses(self, opening: Opening, part: TruePart, contact: Array) -> ToolPoses:
         step = self._params.flow_step
         return opening_poses(
             contact,
             part.flow(contact, 0.0),
-            side,
+            -1 if opening.front else 1,
             self._params.approach.standoff,
             part.way(contact, opening.goal),
             part.arc,

@@ -14,8 +14,8 @@ from flowbothd_bringup.openings.search import Place, PlaceSearch
 from flowbothd_bringup.openings.task import Opening
 from flowbothd_bringup.resumable import run_resumable
 
-CHUNK = 200
-FINALISTS = 6
+CHUNK = 100
+FINALISTS = 4
 SEEDS = 2
 _APART = 0.06
 _APART_DEG = 20.0

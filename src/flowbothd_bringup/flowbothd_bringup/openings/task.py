@@ -30,7 +30,7 @@ class Opening:
         position: (x, y) of the object's origin on the table [m].
         yaw: Rotation of the object about z [rad].
         grasp: (2,) distance from the hinge (of a slide: sideways from the middle of the part), and
-            along the axis from the part's middle (of a slide: up) [m].
+            up, or along a level axis, from the part's middle [m].
         wanted: Joint value that counts as opened [rad or m].
         goal: Joint value at which the run stops opening [rad or m].
     """
