@@ -8,7 +8,13 @@ import pytest
 from flowbothd_common.errors import MotionRejectedError
 from flowbothd_common.motion import MotionGoal, MotionKind
 from flowbothd_common.transforms import angle_between, rotation_about
-from franka_suction_driver.goals import checked_goal, led_axes, led_axis, travel_direction
+from franka_suction_driver.goals import (
+    checked_goal,
+    lagging_axis,
+    led_axes,
+    led_axis,
+    travel_direction,
+)
 
 X, Y = np.eye(3)[0], np.eye(3)[1]
 
@@ -61,3 +67,12 @@ def test_lesser_turns_follow_for_an_arm_that_cannot_turn_as_far() -> None:
     axes = led_axes(-X, flow, 0.5, 0.2)
     np.testing.assert_allclose([angle_between(-X, axis) for axis in axes], [0.6, 0.4, 0.2])
     assert len(led_axes(-X, X, 0.5, 0.2)) == 1
+
+
+def test_a_pushing_tool_turns_only_when_it_would_tilt_too_far() -> None:
+    """The incident: turning with the leaf, the pump's body swung into the frame at 20 degrees."""
+    little, much = (rotation_about(Y, angle) @ X for angle in (0.3, 0.5))
+    np.testing.assert_array_equal(lagging_axis(X, little, 0.4), X)
+    turned = lagging_axis(X, much, 0.4)
+    assert angle_between(turned, much) == pytest.approx(0.4)
+    assert angle_between(turned, X) == pytest.approx(0.1)

@@ -13,11 +13,14 @@ from flowbothd_common.transforms import angle_between, apply
 from flowbothd_common.types import ArcKind, JointArc
 from franka_suction_driver.collision import CollisionChecker, Margins
 from franka_suction_driver.continuation import (
+    LeftPart,
     PlateExtent,
     displacement,
     moving_part,
     opening_poses,
+    plate_extent,
 )
+from franka_suction_driver.escape import TOOL_LINKS
 from franka_suction_driver.kinematics import Kinematics
 from franka_suction_driver.limits import JointLimits
 from franka_suction_driver.params import MotionParams
@@ -178,3 +181,53 @@ def test_the_moving_part_spans_axis_and_contact_and_leaves_the_tool_room() -> No
     moved = displacement(contact, direction, arc, 0.2 * np.pi / 2)
     np.testing.assert_allclose(apply(moved, contact), [0.3, 0.2, 0.3], atol=1e-9)
     assert moving_part(contact, direction, 1, None, PlateExtent()) is None
+
+
+def test_a_part_may_be_pushed_although_it_could_be_pulled(
+    make_planner: Callable[..., Planner], robot: Kinematics
+) -> None:
+    planned = approach(make_planner(pull=False, continuation=0.05), BACK, CONTACT)
+    assert planned.reason is MotionReason.REACHED, planned.message
+    assert planned.side == -1
+    assert planned.trajectory is not None
+    np.testing.assert_allclose(
+        robot.tip(planned.trajectory.positions[-1]).position, CONTACT + 0.1 * FRONT, atol=1e-3
+    )
+
+
+def test_a_plate_reaches_as_far_as_its_points_hang_together() -> None:
+    """Beyond a gap begins another thing, such as the frame."""
+    arc = JointArc(ArcKind.ARC, np.array([0, 0, 1.0]), np.array([0.26, 0.09, 0.0]))
+    points = door()
+    beside = points + np.array([0.26, 0.0, 0.0])
+    extent = plate_extent(CONTACT, FRONT, arc, np.concatenate([points, beside]))
+    assert extent.beyond == pytest.approx(points[:, 0].max() - CONTACT[0], abs=1e-6)
+    assert extent.low == pytest.approx(0.03 - CONTACT[2], abs=1e-6)
+    assert extent.high == pytest.approx(points[:, 2].max() - CONTACT[2], abs=1e-6)
+
+
+def test_the_arm_keeps_clear_of_the_part_that_it_leaves(
+    make_planner: Callable[..., Planner], robot: Kinematics
+) -> None:
+    """The incident: the arm hid the leaf from the camera, and pushed it shut with 264 N."""
+    planner = make_planner(continuation=0.05)
+    arc = JointArc(ArcKind.ARC, np.array([0, 0, 1.0]), np.array([0.26, 0.1, 0.0]))
+    there = planner.approach(START, CONTACT, BACK, arc, np.random.default_rng(0))
+    assert there.trajectory is not None
+    standoff = there.trajectory.positions[-1]
+    tip = robot.tip(standoff)
+    planner.collision.set_points(None)
+    # The leaf has come to where the tool stands, between the arm and its home pose.
+    here = replace(arc, point=arc.point + 0.1 * BACK)
+    left = LeftPart(tip.position, -tip.axis, 1, here)
+    checker = CollisionChecker(robot, Margins(scene=0.005))
+    plate = left.plate(PlateExtent(low=-0.2, high=0.18, beyond=0.1))
+    assert plate is not None
+    checker.set_boxes([plate])
+    touched = []
+    for known in (None, left):
+        planned = planner.retreat(standoff, np.random.default_rng(1), known)
+        assert planned.trajectory is not None, planned.message
+        path = planned.trajectory.positions
+        touched.append(checker.free_count(path, contact_links=TOOL_LINKS) < len(path))
+    assert touched == [True, False]
