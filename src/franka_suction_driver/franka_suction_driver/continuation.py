@@ -17,6 +17,7 @@ _BACK_OFF_POSES = 3
 _PLATE = 0.02
 _BEYOND = 0.03
 _MOST_BEYOND = 0.15
+_MOST_TURN = 0.25
 _GAP = 0.025
 _NEAR_PLATE = 0.03
 _DEFAULT_HALF_HEIGHT = 0.1
@@ -66,13 +67,16 @@ def opening_poses(
         tilt: (3, 3) turn of the tool's axis away from the flow's; none if omitted.
         back_off: Way straight back along the tool at the end [m].
         tilt_slack: How far the tool's axis may stay behind the flow's turn [rad].
-        spacing: Distance between two poses along the opening [m].
+        spacing: Largest distance between two poses along the opening [m].
     """
     straight = -side * direction
     axis = straight if tilt is None else tilt @ straight
     positions = [contact - straight * d for d in np.linspace(standoff, 0.0, _PROBE_POSES)]
     axes = [axis] * _PROBE_POSES
     part = [np.eye(4)] * _PROBE_POSES
+    if swings(arc, contact):
+        # Near a hinge a short way turns the tool a lot.
+        spacing = min(spacing, _MOST_TURN * float(np.linalg.norm(_radial(contact, arc))))
     count = max(1, int(np.ceil(travel / spacing))) if travel > 0 else 0
     for way in np.linspace(0.0, travel, count + 1)[1:]:
         moved = displacement(contact, direction, arc, float(way))
@@ -123,27 +127,6 @@ class PlateExtent:
     low: float = -_DEFAULT_HALF_HEIGHT
     high: float = _DEFAULT_HALF_HEIGHT
     beyond: float = _BEYOND
-
-
-@dataclass(frozen=True)
-class LeftPart:
-    """Where a part was last held.
-
-    Attributes:
-        contact: (3,) in base [m].
-        flow: (3,) unit direction in which it moved.
-        side: +1 = the tool stands on the side that it moves to.
-        arc: How it moves, if known.
-    """
-
-    contact: Array
-    flow: Array
-    side: int
-    arc: JointArc | None
-
-    def plate(self, extent: PlateExtent) -> Box | None:
-        """The part as a plate, if it swings."""
-        return moving_part(self.contact, self.flow, self.side, self.arc, extent)
 
 
 def plate_extent(

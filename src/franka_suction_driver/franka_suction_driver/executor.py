@@ -30,10 +30,10 @@ from franka_suction_driver.audit import (
 )
 from franka_suction_driver.collision import CollisionChecker, Margins
 from franka_suction_driver.commander import Commander
-from franka_suction_driver.continuation import LeftPart
 from franka_suction_driver.description import compose_urdf
 from franka_suction_driver.envelope import Envelope, slowed, workspace
 from franka_suction_driver.goals import checked_goal
+from franka_suction_driver.held import HeldPart
 from franka_suction_driver.hidden import hidden_points
 from franka_suction_driver.kinematics import Kinematics
 from franka_suction_driver.limits import robot_limits
@@ -125,7 +125,8 @@ class MotionExecutor:
         self._running: RunningMotion | None = None
         self._recorder: Recorder | None = None
         self._goal: MotionGoal | None = None
-        self._left: LeftPart | None = None
+        self._held = HeldPart()
+        self._eye: Array | None = None
         self._stop_request: Ending | None = None
         self._last_request: Ending | None = None
 
@@ -150,11 +151,12 @@ class MotionExecutor:
             InvalidCloudError: wrong shape, or values that are not finite.
         """
         hidden = None
-        if points is not None and eye is not None:
+        self._eye = None if eye is None else np.asarray(eye, dtype=float)
+        if points is not None and self._eye is not None:
             collision = self.params.collision
             cloud = as_cloud(points, "obstacle cloud", min_points=0)
             hidden = hidden_points(
-                cloud, np.asarray(eye, dtype=float), collision.hidden_depth, collision.obstacle_cell
+                cloud, self._eye, collision.hidden_depth, collision.obstacle_cell
             )
         self._planner.collision.set_points(points, hidden)
 
@@ -187,8 +189,10 @@ class MotionExecutor:
             contact, direction = checked.contact, checked.direction
             if contact is not None and direction is not None:
                 planned = self._planner.approach(start, contact, direction, checked.arc, rng)
+                self._held.approached(checked, self._planner.collision.points)
         elif checked.kind is MotionKind.RETREAT:
-            planned = self._planner.retreat(start, rng, self._left)
+            self.set_obstacles(self._held.completed(self._planner.collision.points), self._eye)
+            planned = self._planner.retreat(start, rng, self._held.plate)
         return Prepared(checked, planned)
 
     def begin(self, prepared: Prepared, observation: RobotObservation) -> None:
@@ -324,7 +328,8 @@ class MotionExecutor:
     ) -> MotionUpdate:
         result = recorder.result(ending, fraction, observation)
         self._audit.write("result", observation.time, result_entry(result))
-        self._remember(result)
+        if self._goal is not None and self._goal.kind is MotionKind.FLOW_STEP:
+            self._held.stepped(self._goal, result)
         self._recorder = None
         self._running = None
         self._stop_request = None
@@ -342,18 +347,6 @@ class MotionExecutor:
             result.message,
         )
         return MotionUpdate(trajectory, fraction, result)
-
-    def _remember(self, result: MotionResult) -> None:
-        """Where the part is that a flow step has moved; forgotten when the arm comes anew."""
-        goal = self._goal
-        if goal is None or goal.direction is None:
-            return
-        if goal.kind is MotionKind.APPROACH:
-            self._left = None
-        elif goal.kind is MotionKind.FLOW_STEP:
-            tip = result.tool_end
-            side = 1 if float(tip[:3, 2] @ goal.direction) < 0 else -1
-            self._left = LeftPart(tip[:3, 3], goal.direction, side, goal.arc)
 
     def _settle_commanded(self, observation: RobotObservation) -> bool:
         """Believe the last command where the arm is near it, the measurement otherwise.

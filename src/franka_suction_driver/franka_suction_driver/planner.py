@@ -9,13 +9,13 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from flowbothd_common.motion import JointTrajectory, MotionReason
 from flowbothd_common.transforms import rotation_about, unit
 from flowbothd_common.types import Array, JointArc
 from franka_suction_driver.collision import Box, CollisionChecker, Margins
 from franka_suction_driver.continuation import (
-    LeftPart,
     PlateExtent,
     ToolPoses,
     moving_part,
@@ -33,6 +33,7 @@ from franka_suction_driver.params import MotionParams
 from franka_suction_driver.path_search import find_path, shorten
 
 _GOALS = 8
+_CANDIDATES = 24
 _UNFOLDING = 0.03
 _FOLLOW_TOLERANCE = 0.003
 _SPACINGS = (0.3, 0.15, 0.07)
@@ -94,7 +95,6 @@ class Planner:
             workspace=workspace(params.safety),
         )
         self._box: PositionBox = limits.box(params.robot.position_margin)
-        self._extent = PlateExtent()
 
     def approach(
         self,
@@ -125,7 +125,7 @@ class Planner:
         return replace(other, message=why)
 
     def retreat(
-        self, start: Array, rng: np.random.Generator, left: LeftPart | None = None
+        self, start: Array, rng: np.random.Generator, part: Box | None = None
     ) -> PlannedMotion:
         """Plan straight back along the tool axis, then to the start pose, or near it if taken.
 
@@ -134,10 +134,8 @@ class Planner:
         Args:
             start: (J,) configuration at rest.
             rng: Source of all randomness.
-            left: The part that was held, which the arm hides from the camera; kept clear of where
-                there is a way to.
+            part: The part that was held; kept clear of where there is a way to.
         """
-        part = None if left is None else left.plate(self._extent)
         if part is None:
             return self._retreat(start, rng)
         self.collision.set_boxes([part])
@@ -190,9 +188,8 @@ class Planner:
         slack = planning.tilt_slack if side > 0 else self._params.flow_step.push_lag
         part = None
         if swings(arc, contact):
-            self._extent = plate_extent(contact, direction, arc, self.collision.points)
-            near = PlateExtent(self._extent.low, self._extent.high)
-            part = moving_part(contact, direction, side, arc, near)
+            extent = plate_extent(contact, direction, arc, self.collision.points)
+            part = moving_part(contact, direction, side, arc, PlateExtent(extent.low, extent.high))
         self.collision.set_boxes([] if part is None else [part])
         branches: _Branches | None = None
         for tilt in _tilts(direction, planning.tilt_slack):
@@ -263,10 +260,14 @@ class Planner:
         # Roomy joints first, then the short way: as many radians of travel as radians of margin.
         room = np.minimum(path.margin[best, : free.max()].min(axis=1), 0.3)
         travel = np.abs(found[best] - start).max(axis=1)
-        ranked = best[np.argsort(0.2 * travel - room)][:_GOALS]
+        ranked = best[np.argsort(0.2 * travel - room)]
+        if free.max() < len(poses.positions):
+            ranked = self._least_blocked(ranked[:_CANDIDATES], path.positions, reach, poses, part)
         total = poses.opened - poses.contact
         followed = 1.0 if total == 0 else (free.max() - 1 - poses.contact) / total
-        return _Branches(MotionReason.REACHED, "", found[ranked], min(1.0, float(followed)))
+        return _Branches(
+            MotionReason.REACHED, "", found[ranked[:_GOALS]], min(1.0, float(followed))
+        )
 
     def _roomy_branches(
         self, paths: Array, reach: Array, poses: ToolPoses, part: Box | None, touches: list[str]
@@ -285,6 +286,24 @@ class Planner:
                 break
         self.collision.set_scene_margin(self.collision.scene_margin)
         return free
+
+    def _least_blocked(
+        self,
+        ranked: NDArray[np.intp],
+        paths: Array,
+        reach: Array,
+        poses: ToolPoses,
+        part: Box | None,
+    ) -> NDArray[np.intp]:
+        """Those of some branches that get farthest without any margin.
+
+        What is seen is kept from by more than it takes; where that blocks the opening, flow steps
+        go on all the same, and branches differ in what they then really touch.
+        """
+        self.collision.set_scene_margin(0.0)
+        counts = [self._free_poses(paths[i, : reach[i]], poses, part, []) for i in ranked]
+        self.collision.set_scene_margin(self.collision.scene_margin)
+        return np.array([i for i, n in zip(ranked, counts, strict=True) if n == max(counts)])
 
     def _free_poses(
         self, path: Array, poses: ToolPoses, part: Box | None, touches: list[str]

@@ -13,7 +13,6 @@ from flowbothd_common.transforms import angle_between, apply
 from flowbothd_common.types import ArcKind, JointArc
 from franka_suction_driver.collision import CollisionChecker, Margins
 from franka_suction_driver.continuation import (
-    LeftPart,
     PlateExtent,
     displacement,
     moving_part,
@@ -219,13 +218,13 @@ def test_the_arm_keeps_clear_of_the_part_that_it_leaves(
     planner.collision.set_points(None)
     # The leaf has come to where the tool stands, between the arm and its home pose.
     here = replace(arc, point=arc.point + 0.1 * BACK)
-    left = LeftPart(tip.position, -tip.axis, 1, here)
-    checker = CollisionChecker(robot, Margins(scene=0.005))
-    plate = left.plate(PlateExtent(low=-0.2, high=0.18, beyond=0.1))
+    extent = PlateExtent(low=-0.2, high=0.18, beyond=0.1)
+    plate = moving_part(tip.position, -tip.axis, 1, here, extent)
     assert plate is not None
+    checker = CollisionChecker(robot, Margins(scene=0.005))
     checker.set_boxes([plate])
     touched = []
-    for known in (None, left):
+    for known in (None, plate):
         planned = planner.retreat(standoff, np.random.default_rng(1), known)
         assert planned.trajectory is not None, planned.message
         path = planned.trajectory.positions
