@@ -10,7 +10,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from flowbothd_bringup.openings.runs import Run, key_of, make_run, record_key, table
+from flowbothd_bringup.openings.runs import Run, key_of, make_run, record_key, strip_file, table
 from flowbothd_bringup.openings.search_command import search
 from flowbothd_bringup.openings.task import load_openings
 from flowbothd_bringup.resumable import run_resumable
@@ -53,4 +53,15 @@ def run(arguments: argparse.Namespace) -> int:
     }
     records = run_resumable(work, make_run, record_key, arguments.out, arguments.jobs, unit="run")
     sys.stdout.write(table(openings, records) + "\n")
+    if arguments.frames is not None:
+        _overview(list(openings), arguments.frames)
     return 0 if all(r["opened"] and r["clean"] for r in records) else 1
+
+
+def _overview(tasks: list[str], folder: Path) -> None:
+    from flowbothd_bringup.openings.strip import save_overview
+
+    files = {task: strip_file(folder, task, 0) for task in tasks}
+    there = {task: file for task, file in files.items() if file.exists()}
+    if there:
+        save_overview(there, folder / "overview.png")

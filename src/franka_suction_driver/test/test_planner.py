@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -230,3 +231,18 @@ def test_the_arm_keeps_clear_of_the_part_that_it_leaves(
         path = planned.trajectory.positions
         touched.append(checker.free_count(path, contact_links=TOOL_LINKS) < len(path))
     assert touched == [True, False]
+
+
+def test_near_a_hinge_the_opening_is_looked_at_in_small_turns() -> None:
+    """The incident: two poses stood for an opening of 66 degrees, and the frame lay between."""
+    contact, direction = np.array([0.5, 0.0, 0.3]), np.array([1.0, 0, 0])
+    arc = JointArc(ArcKind.ARC, np.array([0, 0, 1.0]), np.array([0.5, 0.03, 0.0]))
+    travel = 0.03 * np.radians(66)
+    poses = opening_poses(contact, direction, -1, 0.1, travel, arc, back_off=0.1)
+    opening = poses.axes[poses.contact : poses.opened + 1]
+    turns = [angle_between(a, b) for a, b in pairwise(opening)]
+    assert 0 < max(turns) <= 0.25 + 1e-9
+    assert angle_between(opening[0], opening[-1]) == pytest.approx(np.radians(66))
+    # What comes after is the way back off, straight along the tool.
+    back = np.diff(poses.positions[poses.opened :], axis=0)
+    np.testing.assert_allclose(back @ opening[-1], -np.linalg.norm(back, axis=1), atol=1e-9)

@@ -51,8 +51,13 @@ def make_run(work: Run) -> Record:
 
         strip = Strip(work.opening)
         record = run_attempt(work.opening, work.seed, strip)
-        strip.save(work.frames / f"{work.opening.name}_{work.seed}.png")
+        strip.save(strip_file(work.frames, work.opening.name, work.seed))
     return {**record, "at": list(key[2])}
+
+
+def strip_file(folder: Path, task: str, seed: int) -> Path:
+    """Where the pictures of a run are."""
+    return folder / f"{task}_{seed}.png"
 
 
 def table(openings: dict[str, Opening], records: Sequence[Record]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 
 import matplotlib as mpl
@@ -10,6 +11,7 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
+from PIL import Image
 
 from flowbothd_bringup.openings.part import TruePart
 from flowbothd_bringup.openings.task import Opening
@@ -20,7 +22,10 @@ from sim_bridge.world import ArmWorld
 _SIZE = (400, 360)
 _FOV_DEG = 40.0
 _COLUMNS = 4
+_WIDE = 5
 _MOST = 8
+STEP = "step"
+"""How the moments are called at which the part was opened further."""
 
 
 class Strip:
@@ -40,7 +45,10 @@ class Strip:
         self._shots.append((f"{moment}, {world.time:.1f} s", picture))
 
     def save(self, path: Path) -> None:
-        """Write at most eight of them, evenly picked, the first and the last among them."""
+        """Write at most eight of them, evenly picked, and beside them the part at its widest."""
+        opened = [picture for moment, picture in self._shots if moment.startswith(STEP)]
+        path.parent.mkdir(parents=True, exist_ok=True)
+        Image.fromarray(opened[-1] if opened else self._shots[-1][1]).save(_widest(path))
         count = min(_MOST, len(self._shots))
         picked = np.linspace(0, len(self._shots) - 1, count).round().astype(int)
         rows = -(-count // _COLUMNS)
@@ -53,6 +61,25 @@ class Strip:
             title, picture = self._shots[index]
             axis.imshow(picture)
             axis.set_title(title, fontsize=8)
-        path.parent.mkdir(parents=True, exist_ok=True)
         figure.savefig(path, dpi=80)
         plt.close(figure)
+
+
+def save_overview(strips: Mapping[str, Path], path: Path) -> None:
+    """Write every part at its widest, side by side; of strips that were saved, by title."""
+    rows = -(-len(strips) // _WIDE)
+    figure, axes = plt.subplots(
+        rows, _WIDE, figsize=(2.0 * _WIDE, 2.0 * rows), layout="constrained", squeeze=False
+    )
+    for axis in axes.flat:
+        axis.set_axis_off()
+    for axis, (title, strip) in zip(axes.flat, strips.items(), strict=False):
+        with Image.open(_widest(strip)) as picture:
+            axis.imshow(np.asarray(picture))
+        axis.set_title(title, fontsize=8)
+    figure.savefig(path, dpi=90)
+    plt.close(figure)
+
+
+def _widest(strip: Path) -> Path:
+    return strip.with_name(f"{strip.stem}_open.png")
