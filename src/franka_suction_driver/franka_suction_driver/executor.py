@@ -40,7 +40,7 @@ from franka_suction_driver.limits import robot_limits
 from franka_suction_driver.motion_factory import MotionFactory, Prepared
 from franka_suction_driver.motion_step import Ending, RunningMotion, Step
 from franka_suction_driver.params import MotionParams
-from franka_suction_driver.planner import Planner
+from franka_suction_driver.planner import PlannedMotion, Planner
 from franka_suction_driver.recorder import Recorder
 from franka_suction_driver.tool_follower import SlowZones, ToolFollower
 from franka_suction_driver.trajectory import JointState
@@ -191,9 +191,18 @@ class MotionExecutor:
                 planned = self._planner.approach(start, contact, direction, checked.arc, rng)
                 self._held.approached(checked, self._planner.collision.points)
         elif checked.kind is MotionKind.RETREAT:
-            self.set_obstacles(self._held.completed(self._planner.collision.points), self._eye)
-            planned = self._planner.retreat(start, rng, self._held.plate)
+            planned = self._plan_retreat(start, rng)
         return Prepared(checked, planned)
+
+    def _plan_retreat(self, start: Array, rng: np.random.Generator) -> PlannedMotion:
+        """By what is seen and what is remembered; where that leaves no way, by what is seen."""
+        seen, eye = self._planner.collision.points, self._eye
+        self.set_obstacles(self._held.completed(seen), eye)
+        planned = self._planner.retreat(start, rng, self._held.plate)
+        if planned.trajectory is None:
+            self.set_obstacles(seen, eye)
+            planned = self._planner.retreat(start, rng)
+        return planned
 
     def begin(self, prepared: Prepared, observation: RobotObservation) -> None:
         """Begin a prepared motion from where the arm stands.

@@ -148,10 +148,9 @@ class Planner:
         home = np.array(self._params.robot.start_positions)
         way_out, rest = escape(self.collision, back, [home, *self._near_home(home)])
         if rest is None:
-            return PlannedMotion(
-                MotionReason.COLLISION,
-                f"backing off does not come free of: {self.collision.touch(back[-1])}",
-            )
+            blocked = self.collision.touch(back[min(len(way_out), len(back) - 1)])
+            message = f"backing off does not come free of: {blocked}"
+            return PlannedMotion(MotionReason.COLLISION, message)
         taken = self.collision.touch(home)
         goals = home[None] if taken is None else self._near_home(home)
         if not len(goals):
