@@ -153,16 +153,23 @@ class Attempt:
         for step in range(1, _MOST_STEPS + 1):
             tip = self._world.tip_pose()[:3, 3]
             before, left = self._value, self._opening.goal - self._value
-            turn = _MOST_TURN_PUSHING if self._opening.front else _MOST_TURN
-            distance = min(_STEP, turn * self._part.radius(tip), self._part.way(tip, left))
             flow, arc = self._part.flow(tip, before), self._part.arc
             if left <= 0 or not self._held or idle > 1:
                 break
-            distance = max(distance, _LEAST_STEP)
+            distance = self._distance(tip, left)
             self._move("open", MotionGoal(MotionKind.FLOW_STEP, None, flow, distance, arc))
             moved = self._part.way(tip, self._value - before)
             idle = idle + 1 if moved < _IDLE * distance else 0
             self._watch(f"step {step}", self._world)
+
+    def _distance(self, tip: Array, left: float) -> float:
+        """Length of the next step, with an opening of `left` [rad or m] to go [m]."""
+        way, radius = self._part.way(tip, left), self._part.radius(tip)
+        if not self._opening.front:
+            return max(_LEAST_STEP, min(_STEP, _MOST_TURN * radius, way))
+        # These are hardly longer than the shortest that can be made: equal ones end at the goal.
+        count = max(1, round(way / max(_LEAST_STEP, _MOST_TURN_PUSHING * radius)))
+        return max(_LEAST_STEP, way / count)
 
     def _release(self) -> None:
         self._course.phase = "release"
