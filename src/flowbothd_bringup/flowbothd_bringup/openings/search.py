@@ -81,7 +81,7 @@ class PlaceSearch:
     """Draws and judges places of one opening.
 
     Args:
-        opening: The task; its own pose is not looked at.
+        opening: The task; of its pose only a pushed part's distance from the hinge is kept.
         params: Of the motion core; the simulation's if omitted.
     """
 
@@ -153,13 +153,10 @@ class PlaceSearch:
     ) -> tuple[tuple[float, float], float, tuple[float, float]]:
         x, y = float(rng.uniform(*_X)), float(rng.uniform(*_Y))
         yaw = _TURN_DEG * int(rng.integers(0, round(360 / _TURN_DEG)))
-        across, along = self._opening.grasp
-        if not self._opening.front:
-            low, high = self._face()
-            across = float(rng.uniform(low[0], high[0]))
-            along = float(rng.uniform(low[1], high[1]))
-        else:
-            along = float(rng.uniform(*np.array(self._face())[:, 1]))
+        across, along = (float(v) for v in rng.uniform(*self._face()))
+        if self._opening.front:
+            # How near the hinge a tool has to push is decided by the frame, not by the place.
+            across = self._opening.grasp[0]
         return (round(x, 2), round(y, 2)), float(yaw), (round(across, 3), round(along, 3))
 
     def _face(self) -> tuple[Array, Array]:
