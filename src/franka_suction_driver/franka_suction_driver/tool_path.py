@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -23,31 +23,39 @@ class ToolPath:
     """Configurations over the travel along a line, as far as the arm reaches.
 
     Attributes:
-        travel: (K,) travel of each node [m], from 0.
-        nodes: (K, J) configurations.
+        travel: (M,) travel of each node [m], from 0.
+        solved: (M, J) configurations, which the spline runs through.
+        usable: K, the nodes before the tip leaves the line. The spline is that through all of them:
+            one that ends sooner would run elsewhere than what was checked.
     """
 
     travel: Array
-    nodes: Array
+    solved: Array
+    usable: int
+
+    @property
+    def nodes(self) -> Array:
+        """(K, J) configurations."""
+        return self.solved[: self.usable]
 
     @cached_property
     def _spline(self) -> CubicSpline:
-        return CubicSpline(self.travel, self.nodes)
+        return CubicSpline(self.travel, self.solved)
 
     @property
     def length(self) -> float:
         """How far it goes [m]."""
-        return float(self.travel[-1])
+        return float(self.travel[self.usable - 1])
 
     def straight(self, line: ToolLine, solver: ToolSolver) -> int:
         """How many nodes there are before the tip leaves the line in between."""
-        if len(self.nodes) < 2:
-            return len(self.nodes)
+        if len(self.solved) < 2:
+            return len(self.solved)
         between = (self.travel[1:] + self.travel[:-1]) / 2
         tips = solver.tips(self._spline(between))
         miss = np.linalg.norm(tips - line.origin - np.outer(between, line.direction), axis=1)
         bent = np.flatnonzero(miss > _STRAIGHT)
-        return int(bent[0]) + 1 if len(bent) else len(self.nodes)
+        return int(bent[0]) + 1 if len(bent) else len(self.solved)
 
     def timed(
         self, names: tuple[str, ...], reference: Reference, times: Array, since: float = 0.0
@@ -77,10 +85,7 @@ def solve_path(line: ToolLine, start: Array, solver: ToolSolver) -> ToolPath:
     The path ends where the joints bend so much that the tip would leave the line between steps.
     """
     path = _stepped(line, start, solver)
-    straight = path.straight(line, solver)
-    if straight == len(path.nodes):
-        return path
-    return ToolPath(path.travel[:straight], path.nodes[:straight])
+    return replace(path, usable=path.straight(line, solver))
 
 
 def _stepped(line: ToolLine, start: Array, solver: ToolSolver) -> ToolPath:
@@ -93,4 +98,4 @@ def _stepped(line: ToolLine, start: Array, solver: ToolSolver) -> ToolPath:
         if q is None:
             break
         nodes.append(q)
-    return ToolPath(travel[: len(nodes)], np.array(nodes))
+    return ToolPath(travel[: len(nodes)], np.array(nodes), len(nodes))

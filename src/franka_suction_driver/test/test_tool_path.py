@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 from flowbothd_common.motion import JointTrajectory
+from flowbothd_common.transforms import unit
 from franka_suction_driver.fine_check import FineSamples, fine_samples, fine_violation
 from franka_suction_driver.inverse_kinematics import follow, solve
 from franka_suction_driver.kinematics import Kinematics
 from franka_suction_driver.limits import JointLimits
 from franka_suction_driver.stopping import joint_stop
 from franka_suction_driver.tool_follower import SlowZones, ToolFollower
-from franka_suction_driver.tool_motion import Bounds, ToolLine
+from franka_suction_driver.tool_motion import Bounds, Reference, ToolLine
 from franka_suction_driver.tool_path import solve_path
 from franka_suction_driver.tool_solver import ToolSolver
 from franka_suction_driver.trajectory import SAMPLE, JointState, joint_move, state_at
@@ -73,6 +74,30 @@ def test_a_path_keeps_to_its_line_between_the_nodes_too(
         [robot.tip(state_at(rollout.trajectory, start, t).position).position for t in times]
     )
     assert np.abs((tips - line.origin)[:, 1:]).max() < 5e-4
+
+
+def test_a_path_cut_short_keeps_to_its_line_as_well(robot: Kinematics, limits: JointLimits) -> None:
+    """A spline through the first nodes alone left the line by 1 mm where the joints bend."""
+    box = limits.box(0.05)
+    solver = ToolSolver(robot, box, 0.2)
+    rng = np.random.default_rng(3)
+    cut, worst = 0, 0.0
+    for _ in range(150):
+        start = rng.uniform(box.lower, box.upper)
+        direction = unit(rng.normal(size=3))
+        path = solve_path(line_from(robot, start, direction, 0.05), start, solver)
+        if not 0.004 < path.length < 0.049:
+            continue
+        cut += 1
+        names = tuple(f"joint_{k}" for k in range(len(start)))
+        line = line_from(robot, start, direction, 0.05)
+        reference = Reference.start(line, Bounds(0.04), path.length)
+        times = np.linspace(0.0, reference.along_end, 200)
+        tips = solver.tips(path.timed(names, reference, times).positions) - line.origin
+        off = tips - np.outer(tips @ direction, direction)
+        worst = max(worst, float(np.linalg.norm(off, axis=1).max()))
+    assert cut > 20
+    assert worst < 5e-4
 
 
 def test_a_path_that_cannot_be_followed_ends_with_the_joint_that_ends_it(
