@@ -168,7 +168,7 @@ class FlowStep:
                 break
             # What lies ahead is too fast off the planned line; giving way now matters more.
             candidate = replace(candidate)
-            candidate.slow_down(clock, part * self._params.speed)
+            candidate.slow_down(clock, part * self._planned.slowing * self._params.speed)
             rollout = self._follower.rollout(candidate, clock, commanded)
         if not rollout.good:
             # The arm cannot give way further: the force guard decides what becomes of it.
