@@ -13,20 +13,14 @@ from pathlib import Path
 from flowbothd_bringup.openings.runs import Run, key_of, make_run, record_key, strip_file, table
 from flowbothd_bringup.openings.search_command import search
 from flowbothd_bringup.openings.task import load_openings
-from flowbothd_bringup.resumable import run_resumable
+from flowbothd_bringup.resumable import add_work_arguments, run_resumable
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `flowbothd bench openings`."""
     parser.add_argument("--tasks", nargs="*", default=[], metavar="TASK", help="(default: all)")
     parser.add_argument("--seeds", type=int, default=10, help="runs each (default: %(default)s)")
-    parser.add_argument("--jobs", type=int, default=2, help="processes (default: %(default)s)")
-    parser.add_argument(
-        "--out",
-        type=Path,
-        default=Path("out/bench_openings.jsonl"),
-        help="one record a run; run again, it continues (default: %(default)s)",
-    )
+    add_work_arguments(parser, Path("out/bench_openings.jsonl"), "run")
     parser.add_argument(
         "--search",
         type=int,

@@ -12,6 +12,7 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 from PIL import Image
 
@@ -102,22 +103,31 @@ def _picture(
     )
 
 
-def draw_strip(
-    record: RunRecord, world: ArmWorld, view: View, path: Path, columns: int = 4
-) -> None:
-    """Write the strip: pictures from the report camera with the predicted flow as arrows."""
-    shown = moments(record)
-    rows = -(-len(shown) // columns)
+def picture_grid(
+    count: int, columns: int, size: tuple[float, float]
+) -> tuple[Figure, Sequence[Axes]]:
+    """A figure with places for `count` pictures side by side, each of a size [inch]."""
+    rows = -(-count // columns)
     figure, axes = plt.subplots(
         rows,
         columns,
-        figsize=(3.1 * columns, 3.1 * rows * view.size[1] / view.size[0]),
+        figsize=(size[0] * columns, size[1] * rows),
         layout="constrained",
         squeeze=False,
     )
     for axis in axes.flat:
         axis.set_axis_off()
-    for axis, moment in zip(axes.flat, shown, strict=False):
+    return figure, list(axes.flat[:count])
+
+
+def draw_strip(
+    record: RunRecord, world: ArmWorld, view: View, path: Path, columns: int = 4
+) -> None:
+    """Write the strip: pictures from the report camera with the predicted flow as arrows."""
+    shown = moments(record)
+    size = (3.1, 3.1 * view.size[1] / view.size[0])
+    figure, axes = picture_grid(len(shown), columns, size)
+    for axis, moment in zip(axes, shown, strict=True):
         axis.imshow(_picture(world, moment.state, view))
         axis.set_title(moment.title, fontsize=8)
         if moment.prediction is not None:

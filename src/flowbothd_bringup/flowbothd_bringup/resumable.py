@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import fcntl
 import json
 import multiprocessing
@@ -22,6 +23,17 @@ from flowbothd_common.guardian import GUARDIAN, watch_guardian
 Record = dict[str, Any]
 Work = TypeVar("Work")
 Key = TypeVar("Key", bound=Hashable)
+
+
+def add_work_arguments(parser: argparse.ArgumentParser, out: Path, unit: str = "trial") -> None:
+    """`--jobs` and `--out` of a command that runs resumable work."""
+    parser.add_argument("--jobs", type=int, default=2, help="processes (default: %(default)s)")
+    parser.add_argument(
+        "--out",
+        type=Path,
+        default=out,
+        help=f"one record a {unit}; run again, it continues (default: %(default)s)",
+    )
 
 
 def read_records(path: Path) -> list[Record]:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from flowbothd_bringup.record import as_plain
-from flowbothd_bringup.resumable import run_resumable
+from flowbothd_bringup.resumable import add_work_arguments, run_resumable
 from flowbothd_common.errors import FlowBotError, ObjectModelError, ParameterError
 from flowbothd_common.types import Outcome
 
@@ -202,13 +202,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FOLDER",
         help="PartNet-Mobility folders of the partnet suite",
     )
-    parser.add_argument("--jobs", type=int, default=2, help="processes (default: %(default)s)")
-    parser.add_argument(
-        "--out",
-        type=Path,
-        default=Path("out/trials.jsonl"),
-        help="one record a trial; run again, it continues (default: %(default)s)",
-    )
+    add_work_arguments(parser, Path("out/trials.jsonl"))
 
 
 def run(arguments: argparse.Namespace) -> int:

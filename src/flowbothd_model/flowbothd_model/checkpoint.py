@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -47,6 +48,11 @@ class Checkpoint:
                 got=str(error).splitlines()[-1].strip(),
             ) from error
         return network.eval()
+
+
+def weights_hash(file: Path) -> str:
+    """The sha256 of a file of weights, in hexadecimal digits."""
+    return hashlib.sha256(file.read_bytes()).hexdigest()
 
 
 def save_checkpoint(

@@ -72,7 +72,12 @@ def flow_errors(samples: Tensor, truth: Tensor) -> FlowErrors:
         norm.square().mean(1).sqrt(),
         lengths[:, moving].mean(1),
         squared.mean(1),
-        torch.nn.functional.cosine_similarity(
-            predicted.flatten(1), target.flatten()[None], dim=-1, eps=1e-8
-        ),
+        field_cosine(predicted, target[None]),
+    )
+
+
+def field_cosine(fields: Tensor, others: Tensor) -> Tensor:
+    """(S,) cosine of (S, N, 3) whole fields with others; a left and a right hinge agree by 0.5."""
+    return torch.nn.functional.cosine_similarity(
+        fields.flatten(1), others.flatten(1), dim=-1, eps=1e-8
     )

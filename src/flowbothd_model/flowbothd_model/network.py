@@ -45,6 +45,11 @@ class Context:
         """Where the tensors are."""
         return next(value.device for value in self._tensors.values() if value is not None)
 
+    @property
+    def clouds(self) -> int:
+        """How many clouds were encoded."""
+        return next(len(value) for value in self._tensors.values() if value is not None)
+
     def repeated(self, times: int) -> Context:
         """Every cloud `times` times in a row, without encoding it again."""
         if times == 1:

@@ -15,6 +15,7 @@ from torch import Tensor
 from torch.nn import functional as fn
 
 from flowbothd_model.config import ModelConfig
+from flowbothd_model.metrics import field_cosine
 from flowbothd_model.network import FlowNetwork
 from flowbothd_model.sampler import encode_batch, sample_flows
 
@@ -52,15 +53,10 @@ def with_own_histories(
     with torch.no_grad():
         absent = torch.zeros_like(asked)
         context = encode_batch(network, config, points, None, None, absent)
-        own = sample_flows(network, config, context, 1, seed, "ddim", steps, len(points)).float()
+        own = sample_flows(network, config, context, 1, seed, "ddim", steps).float()
         network.train(before)
         given = torch.where((asked & would_move(own, flow))[:, None, None], own, flow)
-        return given, agreement(given, flow) > _TELLING
-
-
-def agreement(predicted: Tensor, flow: Tensor) -> Tensor:
-    """(B,) cosine of whole fields (B, N, 3); a left and a right hinge agree by 0.5."""
-    return fn.cosine_similarity(predicted.flatten(1), flow.flatten(1), dim=1)
+        return given, field_cosine(given, flow) > _TELLING
 
 
 def would_move(predicted: Tensor, flow: Tensor) -> Tensor:

@@ -39,9 +39,8 @@ def sample_flows(
     seed: int,
     sampler: str | None = None,
     steps: int | None = None,
-    clouds: int = 1,
 ) -> Tensor:
-    """(clouds * samples, N, 3) max-normalised flows of the `clouds` clouds in `context`, in a row.
+    """(C * samples, N, 3) max-normalised flows of the C clouds in `context`, in a row.
 
     Raises:
         ValueError: unknown sampler, or steps out of range.
@@ -50,7 +49,7 @@ def sample_flows(
     if name not in SAMPLERS:
         raise ValueError(f"sampler must be one of {sorted(SAMPLERS)}, got {name!r}")
     generator = torch.Generator().manual_seed(seed)
-    count, device, rows = network.points_of(context), context.device, clouds * samples
+    count, device, rows = network.points_of(context), context.device, context.clouds * samples
     chosen = config.sampling_steps if steps is None else steps
     if config.network.latent:
         if chosen != 1:

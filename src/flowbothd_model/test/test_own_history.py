@@ -10,7 +10,8 @@ from flowbothd_model.config import PRESETS
 from flowbothd_model.data.sampling import SampleConfig
 from flowbothd_model.data.stream import Mixture, ProceduralSource
 from flowbothd_model.factory import build
-from flowbothd_model.own_history import agreement, with_own_histories, would_move
+from flowbothd_model.metrics import field_cosine
+from flowbothd_model.own_history import with_own_histories, would_move
 from flowbothd_model.train_config import TrainConfig
 from flowbothd_model.trainer import Trainer
 
@@ -88,8 +89,8 @@ def test_a_hinge_on_the_wrong_side_does_not_tell_the_motion():
     side = torch.linspace(0, 1, 50)
     left, right = torch.zeros(1, 50, 3), torch.zeros(1, 50, 3)
     left[0, :, 0], right[0, :, 0] = side, 1 - side
-    assert agreement(left, left).item() == pytest.approx(1)
-    assert agreement(left, right).item() == pytest.approx(0.5, abs=0.05)
+    assert field_cosine(left, left).item() == pytest.approx(1)
+    assert field_cosine(left, right).item() == pytest.approx(0.5, abs=0.05)
 
 
 def run(folder: Path, steps: int, **changes: object) -> Trainer:

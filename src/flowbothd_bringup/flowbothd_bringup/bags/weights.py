@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import subprocess
 import sys
 import threading
@@ -28,11 +27,12 @@ def models_in_use(parameters: Mapping[str, Mapping[str, Any]]) -> dict[str, str]
 
 def describe(model: str) -> dict[str, str]:
     """File and sha256 of weights, or why they cannot be had."""
+    from flowbothd_model.checkpoint import weights_hash
     from flowbothd_model.predictor import find_weights
 
     try:
         file = Path(find_weights(model))
-        digest = hashlib.sha256(file.read_bytes()).hexdigest()
+        digest = weights_hash(file)
     except (CheckpointError, OSError) as error:
         return {"error": str(error)}
     return {"file": f"{file.parent.name}/{file.name}", "sha256": digest}

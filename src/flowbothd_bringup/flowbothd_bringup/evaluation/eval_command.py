@@ -7,6 +7,7 @@ import sys
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 from flowbothd_bringup.evaluation.cases import Case, find_cases
 from flowbothd_bringup.evaluation.methods import (
@@ -21,7 +22,7 @@ from flowbothd_bringup.evaluation.methods import (
 from flowbothd_bringup.evaluation.suites import SUITES, Row, Suite
 from flowbothd_bringup.evaluation.tables import RowKey, row_key
 from flowbothd_bringup.evaluation.trial import MASKS, NONE, EvalTrial, failed, record_key, run_trial
-from flowbothd_bringup.resumable import Record, read_records, run_resumable
+from flowbothd_bringup.resumable import Record, add_work_arguments, read_records, run_resumable
 from flowbothd_common.errors import ObjectModelError, ParameterError
 from flowbothd_common.types import Outcome
 
@@ -85,18 +86,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     add("--trials", type=int, help="repetitions (default: 5, or the suite's)")
     add("--steps", type=int, default=30, help="pulls in a trial (default: %(default)s)")
     add("--seed", type=int, default=0, help="of everything (default: %(default)s)")
-    add("--jobs", type=int, default=2, help="processes (default: %(default)s)")
     add(
         "--no-filter",
         action="store_true",
         help="try links, too, that the truth does not open",
     )
-    add(
-        "--out",
-        type=Path,
-        default=Path("out/eval/results.jsonl"),
-        help="records, one a line; run again, it goes on (default: %(default)s)",
-    )
+    add_work_arguments(parser, Path("out/eval/results.jsonl"))
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -145,7 +140,14 @@ def _rows(arguments: argparse.Namespace, chosen: Suite | None) -> list[Row]:
     return rows
 
 
-def _weights(given: Sequence[str], rows: Sequence[Row]) -> dict[str, str]:
+class _Weights(NamedTuple):
+    """Name or path, empty for none, and hash of the file."""
+
+    name: str = ""
+    digest: str = ""
+
+
+def _weights(given: Sequence[str], rows: Sequence[Row]) -> dict[str, _Weights]:
     """Weights by method, all of them there: better told now than after an hour."""
     changed = {}
     for text in given:
@@ -156,9 +158,7 @@ def _weights(given: Sequence[str], rows: Sequence[Row]) -> dict[str, str]:
             )
         changed[name] = path
     found = {row.method: weights_of(METHODS[row.method], changed) for row in rows}
-    for name in found.values():
-        weights_digest(name)
-    return found
+    return {chosen: _Weights(name, weights_digest(name)) for chosen, name in found.items()}
 
 
 def _cases(arguments: argparse.Namespace, ids: Sequence[str]) -> list[Case]:
@@ -179,10 +179,10 @@ def _trials(
     row: Row,
     cases: Sequence[Case],
     trials: int,
-    weights: Mapping[str, str],
+    weights: Mapping[str, _Weights],
     arguments: argparse.Namespace,
 ) -> Iterator[EvalTrial]:
-    name = weights.get(row.method, "")
+    name, digest = weights.get(row.method, _Weights())
     for mask in row.masks:
         for case in cases:
             links = case.openable if mask != NONE else ("",) * bool(case.openable)
@@ -198,7 +198,7 @@ def _trials(
                         name,
                         arguments.steps,
                         arguments.seed,
-                        weights_digest(name),
+                        digest,
                     )
 
 

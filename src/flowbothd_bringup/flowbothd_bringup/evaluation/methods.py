@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 import itertools
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -14,7 +13,7 @@ from numpy.typing import NDArray
 from flowbothd_bringup.rollout.floating import FLOATING_POLICY
 from flowbothd_common.errors import ParameterError
 from flowbothd_common.types import Cloud, History
-from flowbothd_policy.params import GraspParams, PolicyParams
+from flowbothd_policy.params import PolicyParams
 from flowbothd_policy.predictor import FlowPredictor, max_normalised
 
 SWITCHES = ("SG", "CC", "HF")
@@ -124,7 +123,7 @@ def policy_params(
         occluded_leverage_from_screw=False,
         recontact_consistency="last",
         history_agreement=np.pi,
-        grasp=GraspParams(edge_margin=0.0, direction="flow", normal_angle=0.0, table_clearance=0.0),
+        grasp=replace(params.grasp, edge_margin=0.0, direction="flow", normal_angle=0.0),
     )
 
 
@@ -171,12 +170,12 @@ def weights_digest(name: str) -> str:
     """
     if not name:
         return ""
-    from flowbothd_model.checkpoint import read_checkpoint
+    from flowbothd_model.checkpoint import read_checkpoint, weights_hash
     from flowbothd_model.predictor import find_weights
 
     file = find_weights(name)
     read_checkpoint(file)
-    return hashlib.sha256(file.read_bytes()).hexdigest()[:16]
+    return weights_hash(file)[:16]
 
 
 def weights_of(chosen: Method, given: Mapping[str, str]) -> str:

@@ -85,6 +85,12 @@ def load(paths: Sequence[Path]) -> list[Record]:
                 got="nothing" if not found else f"a record with {', '.join(sorted(foreign or {}))}",
             )
         records += found
+    _check_weights(records)
+    return records
+
+
+def _check_weights(records: Sequence[Record]) -> None:
+    """Refuse rows whose records come from several weights."""
     of_row: dict[RowKey, set[str]] = {}
     for record in records:
         name = f"{record['weights']} {record.get('weights_sha256', '')}".strip()
@@ -96,7 +102,6 @@ def load(paths: Sequence[Path]) -> list[Record]:
                 got=", ".join(sorted(names)),
                 hint="a file of records for each, and a report for each",
             )
-    return records
 
 
 def _analyses(records: Sequence[Record], partnet: Path | None, out: Path) -> dict[str, object]:

@@ -251,7 +251,7 @@ def run_attempt(opening: Opening, seed: int, watch: Watcher = lambda *_: None) -
         executor.planning = course.planning
         perception = PerceptionPipeline(PipelineParams(), urdf)
         driven = ArmPolicyWorld(world, camera, perception, executor, seed, record)
-        log = TouchLog(world, make_kinematics(params, urdf))
+        log = TouchLog(world, executor.robot)
         Attempt(opening, part, contact, world, driven, log, course, watch).run()
         left = world.object_positions()[world.model.target_joint]
         sim_s = world.time

@@ -24,9 +24,10 @@ class TruePart:
 
     def __init__(self, opening: Opening) -> None:
         self._opening = opening
-        self._joint = joint = opening.model().target
+        model = opening.model()
+        self._joint = joint = model.target
         self._pose = pose = opening.T_base_object
-        mesh = opening.model().links[joint.child].mesh
+        mesh = model.links[joint.child].mesh
         self._scene = ray_scene(mesh)
         low, high = mesh.vertices.min(axis=0), mesh.vertices.max(axis=0)
         middle = (low + high) / 2

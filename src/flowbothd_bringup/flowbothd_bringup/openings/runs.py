@@ -10,8 +10,7 @@ from typing import Any
 import numpy as np
 
 from flowbothd_bringup.openings.task import Opening
-
-Record = dict[str, Any]
+from flowbothd_bringup.resumable import Record
 
 
 @dataclass(frozen=True)
@@ -69,7 +68,7 @@ def table(openings: dict[str, Opening], records: Sequence[Record]) -> str:
     ]
     for name, opening in openings.items():
         rows = [r for r in records if r["task"] == name]
-        scale, unit = (180 / np.pi, "deg") if opening.hinged else (100.0, "cm")
+        scale, unit = opening.shown_in
         reached = scale * np.array([r["reached"] for r in rows])
         both = sum(r["opened"] and r["clean"] for r in rows)
         force = max(r["peak_force"].get("open", 0.0) for r in rows)
@@ -78,13 +77,14 @@ def table(openings: dict[str, Opening], records: Sequence[Record]) -> str:
             f"| {np.median(reached):.1f} / {reached.min():.1f} "
             f"| {sum(r['opened'] for r in rows)} | {sum(r['clean'] for r in rows)} "
             f"| **{both} of {len(rows)}** | {sum(len(r['suction_breaks']) for r in rows)} "
-            f"| {_touched(rows)} | {force:.0f} / {_peak(rows, 'peak_force'):.0f} "
-            f"| {_peak(rows, 'peak_torque'):.1f} |"
+            f"| {_touched(rows)} | {force:.0f} / {peak(rows, 'peak_force'):.0f} "
+            f"| {peak(rows, 'peak_torque'):.1f} |"
         )
     return "\n".join(lines)
 
 
-def _peak(rows: Sequence[Record], name: str) -> float:
+def peak(rows: Sequence[Record], name: str) -> float:
+    """Largest force or torque of some runs, in any phase."""
     return max(max(r[name].values(), default=0.0) for r in rows)
 
 

@@ -101,6 +101,7 @@ class PlaceSearch:
             for name, link in model.links.items()
             for mesh in link.meshes
         ]
+        self._face = _graspable(opening)
         self._still = CollisionChecker(self._arm, Margins(), table_height=None)
         self._swung = CollisionChecker(self._arm, Margins())
 
@@ -153,20 +154,11 @@ class PlaceSearch:
     ) -> tuple[tuple[float, float], float, tuple[float, float]]:
         x, y = float(rng.uniform(*_X)), float(rng.uniform(*_Y))
         yaw = _TURN_DEG * int(rng.integers(0, round(360 / _TURN_DEG)))
-        across, along = (float(v) for v in rng.uniform(*self._face()))
+        across, along = (float(v) for v in rng.uniform(*self._face))
         if self._opening.front:
             # How near the hinge a tool has to push is decided by the frame, not by the place.
             across = self._opening.grasp[0]
         return (round(x, 2), round(y, 2)), float(yaw), (round(across, 3), round(along, 3))
-
-    def _face(self) -> tuple[Array, Array]:
-        """Low and high grasp on the part, the cup well on it; of hinges the outer half."""
-        low, high = TruePart(self._opening).face
-        edge = np.array([_EDGE, _EDGE])
-        low, high = low + edge, high - edge
-        if self._opening.hinged:
-            low = np.array([(low[0] + high[0]) / 2, low[1]])
-        return low, high
 
     def _poses(self, opening: Opening, part: TruePart, contact: Array) -> ToolPoses:
         step = self._params.flow_step
@@ -222,3 +214,13 @@ class PlaceSearch:
             if not self._swung.free(q, contact_links=tool):
                 return False
         return True
+
+
+def _graspable(opening: Opening) -> tuple[Array, Array]:
+    """Low and high grasp on the part, the cup well on it; of hinges the outer half."""
+    low, high = TruePart(opening).face
+    edge = np.array([_EDGE, _EDGE])
+    low, high = low + edge, high - edge
+    if opening.hinged:
+        low = np.array([(low[0] + high[0]) / 2, low[1]])
+    return low, high

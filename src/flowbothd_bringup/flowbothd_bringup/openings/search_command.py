@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from flowbothd_bringup.openings.runs import Record, Run, key_of, make_run, record_key
+from flowbothd_bringup.openings.runs import Run, key_of, make_run, peak, record_key
 from flowbothd_bringup.openings.search import Place, PlaceSearch
 from flowbothd_bringup.openings.task import Opening
-from flowbothd_bringup.resumable import run_resumable
+from flowbothd_bringup.resumable import Record, run_resumable
 
 CHUNK = 100
 FINALISTS = 4
@@ -96,6 +96,7 @@ def _ranking(opening: Opening, places: Sequence[Place], records: Sequence[Record
         "| joint margin [rad] | conditioning [m/rad] | clearance [m] |",
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
+    scale, _ = opening.shown_in
     rows = []
     for place in places:
         key = key_of(place.of(opening), 0)[2]
@@ -103,11 +104,10 @@ def _ranking(opening: Opening, places: Sequence[Place], records: Sequence[Record
         opened, clean = sum(r["opened"] for r in runs), sum(r["clean"] for r in runs)
         both = sum(r["opened"] and r["clean"] for r in runs)
         least = min(r["reached"] for r in runs)
-        force = max(max(r["peak_force"].values(), default=0.0) for r in runs)
         text = (
             f"| {list(place.position)} | {place.yaw_deg:g} | {list(place.grasp)} | {opened} "
-            f"| {clean} | {np.degrees(least) if opening.hinged else 100 * least:.1f} "
-            f"| {force:.0f} | {place.margin:.2f} | {place.conditioning:.2f} "
+            f"| {clean} | {scale * least:.1f} "
+            f"| {peak(runs, 'peak_force'):.0f} | {place.margin:.2f} | {place.conditioning:.2f} "
             f"| {place.clearance:.3f} |"
         )
         rows.append((both, opened, clean, place.score, text))

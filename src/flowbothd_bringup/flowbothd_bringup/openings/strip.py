@@ -5,9 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
-import matplotlib as mpl
-
-mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from numpy.typing import NDArray
@@ -16,11 +13,11 @@ from PIL import Image
 from flowbothd_bringup.openings.part import TruePart
 from flowbothd_bringup.openings.task import Opening
 from flowbothd_bringup.openings.views import picture_view
+from flowbothd_bringup.pictures import FOV_DEG, picture_grid
 from sim_bridge.render import render_rgb
 from sim_bridge.world import ArmWorld
 
 _SIZE = (400, 360)
-_FOV_DEG = 40.0
 _COLUMNS = 4
 _WIDE = 5
 _MOST = 8
@@ -41,7 +38,7 @@ class Strip:
 
     def __call__(self, moment: str, world: ArmWorld) -> None:
         """Take a picture."""
-        picture = render_rgb(world.parts(), world.part_poses(), *self._view, _SIZE, _FOV_DEG)
+        picture = render_rgb(world.parts(), world.part_poses(), *self._view, _SIZE, FOV_DEG)
         self._shots.append((f"{moment}, {world.time:.1f} s", picture))
 
     def save(self, path: Path) -> None:
@@ -51,13 +48,8 @@ class Strip:
         Image.fromarray(opened[-1] if opened else self._shots[-1][1]).save(_widest(path))
         count = min(_MOST, len(self._shots))
         picked = np.linspace(0, len(self._shots) - 1, count).round().astype(int)
-        rows = -(-count // _COLUMNS)
-        figure, axes = plt.subplots(
-            rows, _COLUMNS, figsize=(3.1 * _COLUMNS, 3.0 * rows), layout="constrained"
-        )
-        for axis in axes.flat:
-            axis.set_axis_off()
-        for axis, index in zip(axes.flat, picked, strict=False):
+        figure, axes = picture_grid(count, _COLUMNS, (3.1, 3.0))
+        for axis, index in zip(axes, picked, strict=True):
             title, picture = self._shots[index]
             axis.imshow(picture)
             axis.set_title(title, fontsize=8)
@@ -67,13 +59,8 @@ class Strip:
 
 def save_overview(strips: Mapping[str, Path], path: Path) -> None:
     """Write every part at its widest, side by side; of strips that were saved, by title."""
-    rows = -(-len(strips) // _WIDE)
-    figure, axes = plt.subplots(
-        rows, _WIDE, figsize=(2.0 * _WIDE, 2.0 * rows), layout="constrained", squeeze=False
-    )
-    for axis in axes.flat:
-        axis.set_axis_off()
-    for axis, (title, strip) in zip(axes.flat, strips.items(), strict=False):
+    figure, axes = picture_grid(len(strips), _WIDE, (2.0, 2.0))
+    for axis, (title, strip) in zip(axes, strips.items(), strict=True):
         with Image.open(_widest(strip)) as picture:
             axis.imshow(np.asarray(picture))
         axis.set_title(title, fontsize=8)

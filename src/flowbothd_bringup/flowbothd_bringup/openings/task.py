@@ -56,6 +56,11 @@ class Opening:
         """Whether `wanted` and `goal` are angles."""
         return self.model().target.kind == "revolute"
 
+    @property
+    def shown_in(self) -> tuple[float, str]:
+        """Factor and unit in which people read a joint value."""
+        return (180 / np.pi, "deg") if self.hinged else (100.0, "cm")
+
     def model(self) -> ObjectModel:
         """The object, in its nominal proportions."""
         return load_object(self.object, mode=self.mode or None, seed=0, **self.sizes)
