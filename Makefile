@@ -23,7 +23,7 @@ test: setup ## all tests that this machine can run, colcon included
 check: setup ## format, lint, types, spelling, and the tests that need no ROS
 	$(BIN)/ruff format --check src tests tools conftest.py
 	$(BIN)/ruff check src tests tools conftest.py
-	$(BIN)/mypy $(addprefix src/,$(foreach p,flowbothd_common flowbothd_model flowbothd_perception flowbothd_policy franka_suction_driver sim_bridge flowbothd_bringup,$(p)/$(p)))
+	$(BIN)/mypy $(addprefix src/,$(foreach p,flowbothd_common flowbothd_model flowbothd_perception flowbothd_policy franka_suction_driver sim_bridge flowbothd_bringup flowbothd_rosbag flowbothd_evaluation flowbothd,$(p)/$(p)))
 	$(BIN)/codespell src tests tools docs README.md ARCHITECTURE.md CONTRIBUTING.md CHANGELOG.md
 	$(PYTEST) -q -m "not ros and not e2e and not long and not slow"
 

@@ -24,7 +24,7 @@ NODES = (
     "flowbothd_policy.inference_node",
     "flowbothd_policy.policy_node",
     "franka_suction_driver.motion_node",
-    "franka_suction_driver.suction_node",
+    "franka_suction_driver.suction.suction_node",
     "franka_suction_driver.arm_node",
     "franka_suction_driver.pump_node",
 )
@@ -232,8 +232,8 @@ def dataclass_table(params: type) -> str:
 
 def recording_tables() -> str:
     """Content of docs/recording.md with the tables of recorder and player."""
-    from flowbothd_bringup.bags.recorder_params import RecorderParams
-    from flowbothd_bringup.replay.player_params import PlayerParams
+    from flowbothd_rosbag.player_params import PlayerParams
+    from flowbothd_rosbag.recorder_params import RecorderParams
 
     content = RECORDING.read_text()
     for marker, params in (("recorder_node", RecorderParams), ("player_node", PlayerParams)):

@@ -42,7 +42,7 @@ def command(*words: str, environment: dict[str, str] | None = None) -> None:
 
 def flowbothd(*words: str) -> None:
     """Run a command of this project."""
-    command(sys.executable, "-m", "flowbothd_bringup.cli", *words)
+    command(sys.executable, "-m", "flowbothd.cli", *words)
 
 
 def shrink(picture: Path, target: Path, width: int) -> None:

@@ -21,7 +21,7 @@ setup(
             "motion_node = franka_suction_driver.motion_node:main",
             "arm_node = franka_suction_driver.arm_node:main",
             "pump_node = franka_suction_driver.pump_node:main",
-            "suction_node = franka_suction_driver.suction_node:main",
+            "suction_node = franka_suction_driver.suction.suction_node:main",
         ]
     },
 )

@@ -14,7 +14,7 @@ from pathlib import Path
 import psutil
 import pytest
 
-FLOWBOTHD = (sys.executable, "-m", "flowbothd_bringup.cli")
+FLOWBOTHD = (sys.executable, "-m", "flowbothd.cli")
 
 START_TIMEOUT = 120.0
 """Ten times what six processes take to start on two idle cores."""

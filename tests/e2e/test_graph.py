@@ -13,7 +13,7 @@ import pytest
 pytest.importorskip("rclpy", reason="ROS is not installed")
 pytestmark = [pytest.mark.e2e, pytest.mark.ros, pytest.mark.timeout(420)]
 
-FLOWBOTHD = (sys.executable, "-m", "flowbothd_bringup.cli")
+FLOWBOTHD = (sys.executable, "-m", "flowbothd.cli")
 ERROR = 2
 NODES = (
     "bridge_node",
@@ -129,9 +129,9 @@ def test_the_recorded_demo_is_decided_the_same_way_again(demo_run, tmp_path, nod
 
 def test_outputs_whose_inputs_the_recorder_missed_are_left_out_by_name(demo_run):
     """Topics are found one after the other; a node may have heard more than the recorder."""
-    from flowbothd_bringup.bags.reader import Bag
-    from flowbothd_bringup.replay.recompute import recompute
-    from flowbothd_bringup.replay.story import decoded
+    from flowbothd.replay.recompute import recompute
+    from flowbothd.replay.story import decoded
+    from flowbothd_rosbag.reader import Bag
 
     class LateJoints(Bag):
         def messages(self, topics=None, span=None):
@@ -165,10 +165,10 @@ def test_the_recorded_demo_opens_with_the_libraries_of_others(demo_run):
 
 def test_a_changed_parameter_shows_as_a_divergence(demo_run):
     """A comparison that could not fail would prove nothing."""
-    from flowbothd_bringup.bags.reader import Bag
-    from flowbothd_bringup.replay.policy_run import compare_decisions, decide_again
-    from flowbothd_bringup.replay.recompute import _Sources
-    from flowbothd_bringup.replay.story import read_story
+    from flowbothd.replay.policy_run import compare_decisions, decide_again
+    from flowbothd.replay.recompute import _Sources
+    from flowbothd.replay.story import read_story
+    from flowbothd_rosbag.reader import Bag
 
     story = read_story(Bag(demo_run[0] / "bag"))
     story.parameters["policy_node"]["step_distance"] = 0.02

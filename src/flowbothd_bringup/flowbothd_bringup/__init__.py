@@ -1,1 +1,1 @@
-"""The flowbothd command line, launch files, parameters, demo and evaluation."""
+"""Launch files, parameters and the description of each node graph."""

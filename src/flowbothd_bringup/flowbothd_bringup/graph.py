@@ -5,22 +5,21 @@ from __future__ import annotations
 import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
 import yaml
 
 from flowbothd_bringup.processes import NodeProcess
-from flowbothd_bringup.scenes import Scene
 from flowbothd_common.parameters import build, specifications
 from franka_suction_driver.params import MotionParams
 from sim_bridge.objects.registry import load_object
+from sim_bridge.scenes import Scene
 
 NODES = {
     "bridge_node": "sim_bridge.bridge_node",
     "motion_node": "franka_suction_driver.motion_node",
-    "suction_node": "franka_suction_driver.suction_node",
+    "suction_node": "franka_suction_driver.suction.suction_node",
     "perception_node": "flowbothd_perception.perception_node",
     "inference_node": "flowbothd_policy.inference_node",
     "policy_node": "flowbothd_policy.policy_node",
@@ -100,8 +99,17 @@ def sim_motion_params() -> MotionParams:
 
 
 def config_file(name: str) -> Path:
-    """A parameter file that comes with this package."""
-    return Path(str(files("flowbothd_bringup") / "config" / name))
+    """Path of a parameter file that comes with this package.
+
+    It lies beside the package in a source checkout, in share/flowbothd_bringup once installed.
+    """
+    package = Path(__file__).resolve().parent
+    checkout = package.parent / "config" / name
+    if (package.parent / "package.xml").is_file():
+        return checkout
+    shared = Path("share") / package.name / "config" / name
+    installed = (folder / shared for folder in package.parents)
+    return next((path for path in installed if path.is_file()), checkout)
 
 
 def sim_parameters(scene: Scene, options: RunOptions) -> Parameters:

@@ -19,10 +19,10 @@ from launch.actions import (  # type: ignore[import-not-found]
 from launch.substitutions import LaunchConfiguration  # type: ignore[import-not-found]
 from launch_ros.actions import Node  # type: ignore[import-not-found]
 
-from flowbothd_bringup.environment import node_environment
 from flowbothd_bringup.graph import Parameters, write_parameters
+from flowbothd_common.environment import node_environment
 
-RECORDER = "flowbothd_bringup.bags.recorder_node"
+RECORDER = "flowbothd_rosbag.recorder_node"
 
 RECORD = {
     "record": ("", "folder to record into; empty: record nothing"),

@@ -19,7 +19,7 @@ NODES = {
     "arm_node": "franka_suction_driver.arm_node",
     "pump_node": "franka_suction_driver.pump_node",
     "motion_node": "franka_suction_driver.motion_node",
-    "suction_node": "franka_suction_driver.suction_node",
+    "suction_node": "franka_suction_driver.suction.suction_node",
     "perception_node": "flowbothd_perception.perception_node",
     "inference_node": "flowbothd_policy.inference_node",
     "policy_node": "flowbothd_policy.policy_node",

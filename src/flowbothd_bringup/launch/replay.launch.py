@@ -8,7 +8,7 @@ The same as `flowbothd replay BAG [--nodes perception]`.
 from pathlib import Path
 
 from flowbothd_bringup.launching import description, is_true
-from flowbothd_bringup.replay.graph import playing_graph
+from flowbothd_bringup.replay_graph import playing_graph
 
 ARGUMENTS = {
     "bag": ("", "folder of a recording, or its data file"),

@@ -7,7 +7,7 @@ It starts the same nodes with the same parameters as `flowbothd up sim`.
 
 from flowbothd_bringup.graph import NODES, RunOptions, sim_parameters
 from flowbothd_bringup.launching import RECORD, description, is_true
-from flowbothd_bringup.scenes import scene_for
+from sim_bridge.scenes import scene_for
 
 ARGUMENTS = {
     "object": ("custom_door", "scene, PartNet-Mobility folder or .urdf file"),

@@ -99,7 +99,7 @@ def plain(parameters):
 
 def test_simulation(launch):
     from flowbothd_bringup.graph import NODES, RunOptions, sim_parameters
-    from flowbothd_bringup.scenes import scene_for
+    from sim_bridge.scenes import scene_for
 
     actions = launch("sim.launch.py", object="drawer", seed="3", start="true", predictor="oracle")
     nodes = started(actions)
@@ -113,7 +113,7 @@ def test_simulation(launch):
 
 def test_every_graph_can_be_recorded(launch):
     actions = launch("sim.launch.py", record="bags/one", profile="all")
-    assert started(actions)["recorder_node"].package == "flowbothd_bringup"
+    assert started(actions)["recorder_node"].package == "flowbothd_rosbag"
     values = parameters_of(actions)["recorder_node"]["ros__parameters"]
     assert values == {"out": "bags/one", "profile": "all"}
 
@@ -136,8 +136,8 @@ def test_robot(launch, tmp_path):
 
 
 def test_replay(launch, tmp_path):
-    from flowbothd_bringup.bags.metadata import BagError, Topic
-    from flowbothd_bringup.bags.writer import BagWriter
+    from flowbothd_rosbag.metadata import BagError, Topic
+    from flowbothd_rosbag.writer import BagWriter
 
     writer = BagWriter(tmp_path / "bag")
     writer.add_topic(Topic("/joint_states", "sensor_msgs/msg/JointState"))

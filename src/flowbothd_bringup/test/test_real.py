@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flowbothd_bringup.doctor_checks import (
+from flowbothd.doctor.doctor_checks import (
     Check,
     Heard,
     Light,
@@ -21,7 +21,7 @@ from flowbothd_bringup.doctor_checks import (
     judge_stamps,
     judge_wrench,
 )
-from flowbothd_bringup.doctor_host import check_host
+from flowbothd.doctor.doctor_host import check_host
 from flowbothd_bringup.graph import config_file, write_parameters
 from flowbothd_bringup.real import (
     NODES,
@@ -33,8 +33,8 @@ from flowbothd_bringup.real import (
 )
 from flowbothd_common.errors import ParameterError
 from flowbothd_common.parameters import build, specifications
-from franka_suction_driver.executor import make_kinematics
-from franka_suction_driver.limits import robot_limits
+from franka_suction_driver.arm.kinematics import make_kinematics
+from franka_suction_driver.arm.limits import robot_limits
 from franka_suction_driver.params import MotionParams
 
 CAMERA = {"camera.position": [0.6, -1.0, 0.6], "camera.quaternion": [0.0, 0.0, 0.0, 1.0]}

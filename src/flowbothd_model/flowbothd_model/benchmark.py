@@ -23,8 +23,8 @@ from flowbothd_common.types import Cloud, History
 from flowbothd_model.config import PRESETS
 from flowbothd_model.data.procedural.panels import DoorMode, four_mode_door
 from flowbothd_model.data.sampling import SampleConfig, Situation, draw_sample
-from flowbothd_model.dit import PlainBlock
-from flowbothd_model.factory import build
+from flowbothd_model.network.dit import PlainBlock
+from flowbothd_model.network.factory import build
 from flowbothd_model.predictor import Predictor, load
 
 FORWARDS_PER_PUBLISHED_SAMPLE = 107

@@ -13,8 +13,8 @@ from torch import Tensor
 
 from flowbothd_common.errors import CheckpointError
 from flowbothd_model.config import ModelConfig
-from flowbothd_model.factory import build
-from flowbothd_model.network import FlowNetwork
+from flowbothd_model.network.factory import build
+from flowbothd_model.network.network import FlowNetwork
 
 _FORMAT = "flowbothd-1"
 

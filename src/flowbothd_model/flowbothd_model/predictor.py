@@ -13,8 +13,8 @@ from flowbothd_common.errors import CheckpointError, InvalidCloudError
 from flowbothd_common.types import Cloud, History, as_cloud
 from flowbothd_model.checkpoint import read_checkpoint
 from flowbothd_model.config import ModelConfig
-from flowbothd_model.network import FlowNetwork
-from flowbothd_model.sampler import encode_batch, sample_flows
+from flowbothd_model.network.network import FlowNetwork
+from flowbothd_model.network.sampler import encode_batch, sample_flows
 
 MIN_POINTS = 256
 """Fewest points of a cloud, and of a history."""

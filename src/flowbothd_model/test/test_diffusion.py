@@ -6,7 +6,7 @@ import pytest
 import torch
 
 from flowbothd_model.config import PRESETS, DiffusionConfig, Schedule, Target
-from flowbothd_model.diffusion import Diffusion
+from flowbothd_model.network.diffusion import Diffusion
 
 LINEAR = DiffusionConfig()
 STRAIGHT = DiffusionConfig(Schedule.STRAIGHT, Target.FLOW, shift=3.0)

@@ -3,7 +3,7 @@
 import pytest
 import torch
 
-from flowbothd_model.geometry import (
+from flowbothd_model.network.geometry import (
     ball,
     farthest_points,
     gather,

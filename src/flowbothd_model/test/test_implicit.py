@@ -2,8 +2,8 @@
 
 import torch
 
-from flowbothd_model.implicit import implicit_prediction, relative_error, spread_vectors
-from flowbothd_model.network import Context, FlowNetwork, HistoryBatch
+from flowbothd_model.network.implicit import implicit_prediction, relative_error, spread_vectors
+from flowbothd_model.network.network import Context, FlowNetwork, HistoryBatch
 
 
 class Signs(FlowNetwork):

@@ -7,9 +7,9 @@ import pytest
 import torch
 
 from flowbothd_model.config import PRESETS, Architecture, NetworkConfig
-from flowbothd_model.factory import build
-from flowbothd_model.network import FlowNetwork, HistoryBatch
-from flowbothd_model.pointnet2 import PointMlp
+from flowbothd_model.network.factory import build
+from flowbothd_model.network.network import FlowNetwork, HistoryBatch
+from flowbothd_model.network.pointnet2 import PointMlp
 
 GOLDEN = Path(__file__).parent / "golden" / "networks.json"
 SMALL = NetworkConfig(Architecture.COMPACT, 64, 2, 1, 1, 32, 8, 16)

@@ -9,11 +9,11 @@ import torch
 from flowbothd_model.config import PRESETS
 from flowbothd_model.data.sampling import SampleConfig
 from flowbothd_model.data.stream import Mixture, ProceduralSource
-from flowbothd_model.factory import build
 from flowbothd_model.metrics import field_cosine
-from flowbothd_model.own_history import with_own_histories, would_move
-from flowbothd_model.train_config import TrainConfig
-from flowbothd_model.trainer import Trainer
+from flowbothd_model.network.factory import build
+from flowbothd_model.training.own_history import with_own_histories, would_move
+from flowbothd_model.training.train_config import TrainConfig
+from flowbothd_model.training.trainer import Trainer
 
 
 def door() -> torch.Tensor:

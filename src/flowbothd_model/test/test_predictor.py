@@ -12,7 +12,7 @@ from flowbothd_common.types import History
 from flowbothd_model import load
 from flowbothd_model.checkpoint import read_checkpoint, save_checkpoint
 from flowbothd_model.config import PRESETS, Architecture, ModelConfig, NetworkConfig
-from flowbothd_model.factory import build
+from flowbothd_model.network.factory import build
 from flowbothd_model.predictor import Predictor, find_weights
 
 CONFIG = replace(

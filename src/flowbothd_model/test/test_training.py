@@ -14,11 +14,11 @@ from flowbothd_model.checkpoint import read_checkpoint
 from flowbothd_model.data.sampling import SampleConfig, Situation
 from flowbothd_model.data.stream import Mixture, ProceduralSource
 from flowbothd_model.metrics import flow_errors
-from flowbothd_model.run_log import read_rows
-from flowbothd_model.train import main
-from flowbothd_model.train_config import TrainConfig
-from flowbothd_model.trainer import Trainer
-from flowbothd_model.validation import ValidationSet
+from flowbothd_model.training.run_log import read_rows
+from flowbothd_model.training.train import main
+from flowbothd_model.training.train_config import TrainConfig
+from flowbothd_model.training.trainer import Trainer
+from flowbothd_model.training.validation import ValidationSet
 
 
 def trainer(folder: Path, steps: int, preset: str = "compact", **changes: object) -> Trainer:
@@ -171,7 +171,7 @@ def test_two_processes_train_together(tmp_path):
     ]
     command += [
         "-m",
-        "flowbothd_model.train",
+        "flowbothd_model.training.train",
         "--out",
         str(tmp_path),
         "--steps",

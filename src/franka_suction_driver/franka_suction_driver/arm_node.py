@@ -21,15 +21,15 @@ from flowbothd_common.ros.diagnostics import ERROR, OK, WARN, NodeStatus
 from flowbothd_common.ros.liveness import Silence
 from flowbothd_common.ros.node_main import run_node
 from flowbothd_common.ros.parameters import declare
+from franka_suction_driver.arm.description import read_description
+from franka_suction_driver.arm.kinematics import make_kinematics
+from franka_suction_driver.arm.limits import robot_limits
 from franka_suction_driver.backend_params import ArmNodeParams
 from franka_suction_driver.backends.connection import Connection
 from franka_suction_driver.backends.panda import PandaArm
 from franka_suction_driver.backends.protocol import ArmBackend, ArmState
 from franka_suction_driver.backends.recording import RecordingLibrary, RecordingRobot
 from franka_suction_driver.backends.topic_ros import TopicArm
-from franka_suction_driver.description import read_description
-from franka_suction_driver.executor import make_kinematics
-from franka_suction_driver.limits import robot_limits
 from franka_suction_driver.params import MotionParams
 
 _BEAT = "motion/heartbeat"

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 from flowbothd_common.parameters import parameter
-from franka_suction_driver.params import RobotParams
+from franka_suction_driver.arm.params import RobotParams
 
 BACKENDS = ("topic", "panda", "recording")
 

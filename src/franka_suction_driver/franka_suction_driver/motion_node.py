@@ -27,10 +27,11 @@ from flowbothd_common.ros.liveness import MotionHeartbeat
 from flowbothd_common.ros.node_main import run_node
 from flowbothd_common.ros.parameters import declare
 from franka_suction_driver.actions_ros import ActiveGoal, MotionActions
-from franka_suction_driver.description import read_description
-from franka_suction_driver.executor import MotionExecutor, make_kinematics
+from franka_suction_driver.arm.description import read_description
+from franka_suction_driver.arm.kinematics import make_kinematics
+from franka_suction_driver.execution.executor import MotionExecutor
+from franka_suction_driver.execution.motion_factory import Prepared
 from franka_suction_driver.inputs_ros import RobotInputs
-from franka_suction_driver.motion_factory import Prepared
 from franka_suction_driver.params import MotionNodeParams
 from franka_suction_driver.safety_ros import SafetyServices, open_audit
 

@@ -12,8 +12,8 @@ from trajectory_msgs.msg import JointTrajectory as JointTrajectoryMessage
 from flowbothd_common.motion import JointTrajectory
 from flowbothd_common.ros import qos
 from flowbothd_common.ros.conversions import to_trajectory
-from franka_suction_driver.audit import AuditLog
-from franka_suction_driver.executor import MotionExecutor
+from franka_suction_driver.execution.audit import AuditLog
+from franka_suction_driver.execution.executor import MotionExecutor
 from franka_suction_driver.params import SafetyParams
 
 

@@ -11,11 +11,11 @@ import pytest
 
 from flowbothd_common.motion import JointTrajectory, MotionGoal, MotionResult, RobotObservation
 from flowbothd_common.parameters import build
-from franka_suction_driver.executor import MotionExecutor, make_kinematics
-from franka_suction_driver.kinematics import Kinematics
-from franka_suction_driver.limits import JointLimits, limits_from
+from franka_suction_driver.arm.kinematics import Kinematics, make_kinematics
+from franka_suction_driver.arm.limits import JointLimits, limits_from
+from franka_suction_driver.arm.trajectory import JointState, state_at
+from franka_suction_driver.execution.executor import MotionExecutor
 from franka_suction_driver.params import MotionParams
-from franka_suction_driver.trajectory import JointState, state_at
 
 START = np.array(MotionParams().robot.start_positions)
 Force = Callable[[np.ndarray], np.ndarray]

@@ -8,8 +8,9 @@ import pytest
 from flowbothd_common.motion import MotionGoal, MotionKind, MotionReason, MotionResult
 from flowbothd_common.transforms import apply, rotation_about, transform, unit
 from flowbothd_common.types import ArcKind, Array, JointArc
-from franka_suction_driver.description import compose_urdf
-from franka_suction_driver.executor import MotionExecutor, make_kinematics
+from franka_suction_driver.arm.description import compose_urdf
+from franka_suction_driver.arm.kinematics import make_kinematics
+from franka_suction_driver.execution.executor import MotionExecutor
 from franka_suction_driver.params import MotionParams
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(600)]

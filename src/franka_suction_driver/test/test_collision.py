@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from flowbothd_common.errors import InvalidCloudError, ParameterError
-from franka_suction_driver.collision import Box, CollisionChecker, Margins
-from franka_suction_driver.kinematics import Kinematics
+from franka_suction_driver.arm.kinematics import Kinematics
 from franka_suction_driver.params import MotionParams
+from franka_suction_driver.planning.collision import Box, CollisionChecker, Margins
 
 START = np.array(MotionParams().robot.start_positions)
 FOLDED = np.array([0.0, 1.7, 0.0, -3.0, 0.0, 0.0, 0.0])

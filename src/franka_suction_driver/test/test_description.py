@@ -10,7 +10,7 @@ import pinocchio
 import pybullet
 import pytest
 
-from franka_suction_driver.description import (
+from franka_suction_driver.arm.description import (
     DescriptionError,
     ToolDimensions,
     compose_urdf,
@@ -100,7 +100,7 @@ def test_impossible_tool_is_named() -> None:
 
 
 def test_missing_arm_names_the_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("franka_suction_driver.description.ARM_DISTRIBUTION", "no-such-package")
+    monkeypatch.setattr("franka_suction_driver.arm.description.ARM_DISTRIBUTION", "no-such-package")
     monkeypatch.setenv("AMENT_PREFIX_PATH", "")
     with pytest.raises(DescriptionError, match="make setup"):
         find_arm_urdf()

@@ -13,13 +13,13 @@ import pytest
 
 from flowbothd_common.errors import MotionRejectedError, ParameterError
 from flowbothd_common.motion import MotionGoal, MotionKind, MotionReason
-from franka_suction_driver.audit import AuditLog
-from franka_suction_driver.envelope import slowed, workspace
-from franka_suction_driver.executor import MotionExecutor
-from franka_suction_driver.inverse_kinematics import solve
-from franka_suction_driver.kinematics import Kinematics
-from franka_suction_driver.limits import JointLimits
+from franka_suction_driver.arm.kinematics import Kinematics
+from franka_suction_driver.arm.limits import JointLimits
+from franka_suction_driver.execution.audit import AuditLog
+from franka_suction_driver.execution.envelope import slowed, workspace
+from franka_suction_driver.execution.executor import MotionExecutor
 from franka_suction_driver.params import MotionParams, SafetyParams
+from franka_suction_driver.planning.inverse_kinematics import solve
 
 FORWARD = np.array([1.0, 0, 0])
 RETREAT = MotionGoal(MotionKind.RETREAT)

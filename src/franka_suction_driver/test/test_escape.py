@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from flowbothd_common.types import Array
-from franka_suction_driver.collision import CollisionChecker, Margins
-from franka_suction_driver.escape import escape, leaves_and_stays_free
-from franka_suction_driver.inverse_kinematics import follow
-from franka_suction_driver.kinematics import Kinematics
-from franka_suction_driver.limits import JointLimits
+from franka_suction_driver.arm.kinematics import Kinematics
+from franka_suction_driver.arm.limits import JointLimits
 from franka_suction_driver.params import MotionParams
+from franka_suction_driver.planning.collision import CollisionChecker, Margins
+from franka_suction_driver.planning.escape import escape, leaves_and_stays_free
+from franka_suction_driver.planning.inverse_kinematics import follow
 
 START = np.array(MotionParams().robot.start_positions)
 

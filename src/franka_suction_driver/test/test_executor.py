@@ -10,12 +10,12 @@ import pytest
 from flowbothd_common.errors import MotionRejectedError
 from flowbothd_common.motion import MotionGoal, MotionKind, MotionReason
 from flowbothd_common.transforms import angle_between, rotation_about
-from franka_suction_driver.executor import MotionExecutor
-from franka_suction_driver.inverse_kinematics import solve
-from franka_suction_driver.kinematics import Kinematics
-from franka_suction_driver.limits import JointLimits
+from franka_suction_driver.arm.kinematics import Kinematics
+from franka_suction_driver.arm.limits import JointLimits
+from franka_suction_driver.arm.trajectory import state_at
+from franka_suction_driver.execution.executor import MotionExecutor
 from franka_suction_driver.params import MotionParams
-from franka_suction_driver.trajectory import state_at
+from franka_suction_driver.planning.inverse_kinematics import solve
 
 START = np.array(MotionParams().robot.start_positions)
 FORWARD = np.array([1.0, 0, 0])

@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from franka_suction_driver.flow_step import FlowStep
-from franka_suction_driver.inverse_kinematics import solve
-from franka_suction_driver.kinematics import Kinematics
-from franka_suction_driver.limits import JointLimits, Violation
+from franka_suction_driver.arm.kinematics import Kinematics
+from franka_suction_driver.arm.limits import JointLimits, Violation
+from franka_suction_driver.arm.trajectory import JointState
+from franka_suction_driver.execution.flow_step import FlowStep
+from franka_suction_driver.execution.tool_follower import Rollout, ToolFollower
+from franka_suction_driver.execution.tool_motion import Bounds, Reference, ToolLine
 from franka_suction_driver.params import FlowStepParams
-from franka_suction_driver.tool_follower import Rollout, ToolFollower
-from franka_suction_driver.tool_motion import Bounds, Reference, ToolLine
-from franka_suction_driver.trajectory import JointState
+from franka_suction_driver.planning.inverse_kinematics import solve
 
 PUSHED = np.array([0.0, 12.0, 0.0])
 

@@ -8,7 +8,7 @@ import pytest
 from flowbothd_common.errors import MotionRejectedError
 from flowbothd_common.motion import MotionGoal, MotionKind
 from flowbothd_common.transforms import angle_between, rotation_about
-from franka_suction_driver.goals import (
+from franka_suction_driver.execution.goals import (
     checked_goal,
     lagging_axis,
     led_axes,

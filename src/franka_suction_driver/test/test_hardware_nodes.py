@@ -65,7 +65,7 @@ def make_user() -> Any:
 
 def trajectory(start: np.ndarray, by: float, limits: Any, names: Any) -> Any:
     from flowbothd_common.ros.conversions import to_trajectory
-    from franka_suction_driver.trajectory import JointState, joint_move
+    from franka_suction_driver.arm.trajectory import JointState, joint_move
 
     return to_trajectory(joint_move(names, JointState.at_rest(start), start + by, limits))
 
@@ -227,7 +227,7 @@ def test_killed_hardware_processes_end_the_motion_and_the_pump_is_known_to_be_lo
     from flowbothd_interfaces.action import Approach
     from flowbothd_interfaces.msg import SuctionState
     from franka_suction_driver.motion_node import MotionNode
-    from franka_suction_driver.suction_node import SuctionNode
+    from franka_suction_driver.suction.suction_node import SuctionNode
 
     arm = start_process("arm_node", "backend:=recording", "heartbeat_timeout:=0.8")
     pump = start_process("pump_node", "backend:=recording")
@@ -334,7 +334,7 @@ def test_the_pump_holds_loses_and_is_released_when_the_node_goes(ros: Any) -> No
     from flowbothd_interfaces.msg import SuctionState
     from flowbothd_interfaces.srv import SetSuction
     from franka_suction_driver.pump_node import PumpNode
-    from franka_suction_driver.suction_node import SuctionNode
+    from franka_suction_driver.suction.suction_node import SuctionNode
 
     pump = ros.add(PumpNode, backend="recording", poll_rate=50.0)
     suction = ros.add(SuctionNode)
@@ -373,7 +373,8 @@ def test_each_blocking_part_has_a_process_of_its_own() -> None:
     """
     import inspect
 
-    from franka_suction_driver import arm_node, motion_node, suction_node
+    from franka_suction_driver import arm_node, motion_node
+    from franka_suction_driver.suction import suction_node
 
     for module in (arm_node, motion_node, suction_node):
         assert "cobot_pump" not in inspect.getsource(module)

@@ -8,7 +8,7 @@ import pytest
 from flowbothd_common.motion import MotionGoal, MotionKind, MotionReason, MotionResult
 from flowbothd_common.transforms import apply, transform
 from flowbothd_common.types import ArcKind, JointArc
-from franka_suction_driver.held import HeldPart
+from franka_suction_driver.planning.held import HeldPart
 
 HINGE = JointArc(ArcKind.ARC, np.array([0, 0, 1.0]), np.array([0.5, 0.2, 0.0]))
 CONTACT, PULL = np.array([0.5, 0.0, 0.3]), np.array([-1.0, 0.0, 0.0])

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from franka_suction_driver.hidden import hidden_points
+from franka_suction_driver.planning.hidden import hidden_points
 
 EYE = np.array([0.0, -1.0, 0.5])
 CELL = 0.015

@@ -7,15 +7,15 @@ import pytest
 
 from flowbothd_common.errors import ParameterError
 from flowbothd_common.transforms import angle_between, rotation_about, unit
-from franka_suction_driver.inverse_kinematics import follow, limited_step, solve
-from franka_suction_driver.kinematics import (
+from franka_suction_driver.arm.kinematics import (
     Kinematics,
     conditioning,
     damped_inverse,
     task_error,
     task_jacobian,
 )
-from franka_suction_driver.limits import JointLimits
+from franka_suction_driver.arm.limits import JointLimits
+from franka_suction_driver.planning.inverse_kinematics import follow, limited_step, solve
 
 
 def some(limits: JointLimits, count: int, seed: int = 0) -> np.ndarray:

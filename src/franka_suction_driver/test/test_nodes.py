@@ -25,9 +25,9 @@ def make_bridge() -> Any:
 
     from flowbothd_common.ros import qos
     from flowbothd_interfaces.msg import SuctionCommand, SuctionMeasurement, SuctionState
+    from franka_suction_driver.arm.trajectory import JointState as State
+    from franka_suction_driver.arm.trajectory import state_at
     from franka_suction_driver.params import MotionParams
-    from franka_suction_driver.trajectory import JointState as State
-    from franka_suction_driver.trajectory import state_at
 
     names = MotionParams().robot.joint_names
 
@@ -250,7 +250,7 @@ def test_a_watched_node_that_falls_silent_stops_the_motion(ros: Any) -> None:
 def test_the_suction_node_passes_commands_on_and_tells_the_state(ros: Any) -> None:
     from flowbothd_interfaces.msg import SuctionState
     from flowbothd_interfaces.srv import SetSuction
-    from franka_suction_driver.suction_node import SuctionNode
+    from franka_suction_driver.suction.suction_node import SuctionNode
 
     bridge = ros.add(make_bridge())
     bridge.suction_node_runs = True

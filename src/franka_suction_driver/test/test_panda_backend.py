@@ -16,6 +16,9 @@ import pytest
 
 from flowbothd_common.errors import ParameterError
 from flowbothd_common.motion import JointTrajectory
+from franka_suction_driver.arm.kinematics import Kinematics
+from franka_suction_driver.arm.limits import JointLimits
+from franka_suction_driver.arm.trajectory import JointState, joint_move
 from franka_suction_driver.backend_params import PandaParams
 from franka_suction_driver.backends.library import INSTALL, load_panda_py
 from franka_suction_driver.backends.panda import PandaArm
@@ -27,10 +30,7 @@ from franka_suction_driver.backends.recording import (
     RecordingRobot,
     RobotMode,
 )
-from franka_suction_driver.kinematics import Kinematics
-from franka_suction_driver.limits import JointLimits
 from franka_suction_driver.params import FlowStepParams, ProbeParams
-from franka_suction_driver.trajectory import JointState, joint_move
 
 PARAMS = PandaParams(robot_ip="172.16.0.2")
 

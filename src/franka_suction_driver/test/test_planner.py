@@ -12,19 +12,19 @@ import pytest
 from flowbothd_common.motion import MotionReason
 from flowbothd_common.transforms import angle_between, apply
 from flowbothd_common.types import ArcKind, JointArc
-from franka_suction_driver.collision import CollisionChecker, Margins
-from franka_suction_driver.continuation import (
+from franka_suction_driver.arm.kinematics import Kinematics
+from franka_suction_driver.arm.limits import JointLimits
+from franka_suction_driver.params import MotionParams
+from franka_suction_driver.planning.collision import CollisionChecker, Margins
+from franka_suction_driver.planning.continuation import (
     PlateExtent,
     displacement,
     moving_part,
     opening_poses,
     plate_extent,
 )
-from franka_suction_driver.escape import TOOL_LINKS
-from franka_suction_driver.kinematics import Kinematics
-from franka_suction_driver.limits import JointLimits
-from franka_suction_driver.params import MotionParams
-from franka_suction_driver.planner import PlannedMotion, Planner
+from franka_suction_driver.planning.escape import TOOL_LINKS
+from franka_suction_driver.planning.planner import PlannedMotion, Planner
 
 START = np.array(MotionParams().robot.start_positions)
 CONTACT = np.array([0.36, 0.09, 0.25])

@@ -6,8 +6,8 @@ import pytest
 
 from flowbothd_common.errors import SuctionError
 from flowbothd_common.types import SuctionPhase, SuctionReading
-from franka_suction_driver.params import SuctionParams
-from franka_suction_driver.suction import SuctionMachine
+from franka_suction_driver.suction.suction import SuctionMachine
+from franka_suction_driver.suction_params import SuctionParams
 
 EMPTY = SuctionReading(1000.0)
 HELD = SuctionReading(60000.0, part_present=True)

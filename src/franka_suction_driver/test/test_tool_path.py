@@ -9,16 +9,16 @@ import pytest
 
 from flowbothd_common.motion import JointTrajectory
 from flowbothd_common.transforms import unit
-from franka_suction_driver.fine_check import FineSamples, fine_samples, fine_violation
-from franka_suction_driver.inverse_kinematics import follow, solve
-from franka_suction_driver.kinematics import Kinematics
-from franka_suction_driver.limits import JointLimits
-from franka_suction_driver.stopping import joint_stop
-from franka_suction_driver.tool_follower import SlowZones, ToolFollower
-from franka_suction_driver.tool_motion import Bounds, Reference, ToolLine
-from franka_suction_driver.tool_path import solve_path
-from franka_suction_driver.tool_solver import ToolSolver
-from franka_suction_driver.trajectory import SAMPLE, JointState, joint_move, state_at
+from franka_suction_driver.arm.fine_check import FineSamples, fine_samples, fine_violation
+from franka_suction_driver.arm.kinematics import Kinematics
+from franka_suction_driver.arm.limits import JointLimits
+from franka_suction_driver.arm.stopping import joint_stop
+from franka_suction_driver.arm.trajectory import SAMPLE, JointState, joint_move, state_at
+from franka_suction_driver.execution.tool_follower import SlowZones, ToolFollower
+from franka_suction_driver.execution.tool_motion import Bounds, Reference, ToolLine
+from franka_suction_driver.execution.tool_path import solve_path
+from franka_suction_driver.execution.tool_solver import ToolSolver
+from franka_suction_driver.planning.inverse_kinematics import follow, solve
 
 FORWARD = np.array([1.0, 0, 0])
 

@@ -7,18 +7,18 @@ import pytest
 
 from flowbothd_common.errors import ParameterError
 from flowbothd_common.motion import JointTrajectory
-from franka_suction_driver.commander import Commander
-from franka_suction_driver.joint_path import SmoothPath
-from franka_suction_driver.kinematics import Kinematics
-from franka_suction_driver.limits import JointLimits, limits_from
-from franka_suction_driver.stopping import joint_stop
-from franka_suction_driver.trajectory import (
+from franka_suction_driver.arm.commander import Commander
+from franka_suction_driver.arm.kinematics import Kinematics
+from franka_suction_driver.arm.limits import JointLimits, limits_from
+from franka_suction_driver.arm.stopping import joint_stop
+from franka_suction_driver.arm.trajectory import (
     JointState,
     joint_move,
     quintic,
     sample_times,
     state_at,
 )
+from franka_suction_driver.planning.joint_path import SmoothPath
 
 NAMES = tuple(f"panda_joint{i}" for i in range(1, 8))
 

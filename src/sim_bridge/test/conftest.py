@@ -13,7 +13,7 @@ PARTNET = Path(__file__).resolve().parents[4] / "shared" / "data" / "partnet_mob
 @pytest.fixture(scope="session")
 def robot_urdf():
     """The composed robot; belongs to another package, which only tests may import."""
-    description = pytest.importorskip("franka_suction_driver.description")
+    description = pytest.importorskip("franka_suction_driver.arm.description")
     return description.compose_urdf()
 
 

@@ -6,8 +6,8 @@ import numpy as np
 
 from flowbothd_common.joining import leap
 from flowbothd_common.motion import JointTrajectory
-from franka_suction_driver.limits import JointLimits
-from franka_suction_driver.trajectory import JointState
+from franka_suction_driver.arm.limits import JointLimits
+from franka_suction_driver.arm.trajectory import JointState
 
 
 def objection(

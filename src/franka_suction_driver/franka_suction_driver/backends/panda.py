@@ -13,6 +13,10 @@ import numpy as np
 from flowbothd_common.errors import ParameterError
 from flowbothd_common.motion import JointTrajectory
 from flowbothd_common.types import Array
+from franka_suction_driver.arm.commander import Commander
+from franka_suction_driver.arm.kinematics import Kinematics
+from franka_suction_driver.arm.limits import JointLimits
+from franka_suction_driver.arm.stopping import joint_stop
 from franka_suction_driver.backend_params import PandaParams
 from franka_suction_driver.backends.acceptance import objection
 from franka_suction_driver.backends.library import (
@@ -23,10 +27,6 @@ from franka_suction_driver.backends.library import (
 )
 from franka_suction_driver.backends.protocol import ArmState, BackendError
 from franka_suction_driver.backends.wrench import ExternalWrench
-from franka_suction_driver.commander import Commander
-from franka_suction_driver.kinematics import Kinematics
-from franka_suction_driver.limits import JointLimits
-from franka_suction_driver.stopping import joint_stop
 
 _log = logging.getLogger(__name__)
 USER_STOP = "the user stop is pressed: release it, then call arm/recover"

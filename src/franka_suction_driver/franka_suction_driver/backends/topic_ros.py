@@ -12,11 +12,11 @@ from trajectory_msgs.msg import JointTrajectory as JointTrajectoryMessage
 from flowbothd_common.motion import JointTrajectory, joint_order
 from flowbothd_common.ros import qos
 from flowbothd_common.ros.conversions import to_trajectory
+from franka_suction_driver.arm.commander import Commander
+from franka_suction_driver.arm.limits import JointLimits
+from franka_suction_driver.arm.stopping import joint_stop
 from franka_suction_driver.backends.acceptance import objection
 from franka_suction_driver.backends.protocol import ArmState
-from franka_suction_driver.commander import Commander
-from franka_suction_driver.limits import JointLimits
-from franka_suction_driver.stopping import joint_stop
 
 _PATIENCE = 0.3
 _SAME_PLACE = 0.02

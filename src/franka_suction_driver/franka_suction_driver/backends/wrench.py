@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from flowbothd_common.types import Array
-from franka_suction_driver.kinematics import Kinematics, conditioning
+from franka_suction_driver.arm.kinematics import Kinematics, conditioning
 
 
 class ExternalWrench:

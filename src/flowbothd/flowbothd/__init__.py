@@ -1,0 +1,1 @@
+"""The flowbothd command line."""

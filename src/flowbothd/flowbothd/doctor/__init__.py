@@ -1,0 +1,1 @@
+"""Checks of a robot and its host before the first motion."""

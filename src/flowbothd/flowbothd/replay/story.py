@@ -1,0 +1,181 @@
+"""What a recording tells of a run: inputs, decisions, clouds, predictions, parameters."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import yaml
+from builtin_interfaces.msg import Time
+from numpy.typing import NDArray
+from rclpy.serialization import deserialize_message
+
+from flowbothd_bringup.graph import flat_parameters
+from flowbothd_common.ros import clouds
+from flowbothd_common.types import Cloud
+from flowbothd_rosbag import about
+from flowbothd_rosbag.metadata import BagError
+from flowbothd_rosbag.reader import Bag, Message, Span
+from flowbothd_rosbag.types_ros import message_class
+
+INPUTS, EVENTS = "policy/inputs", "policy/events"
+CLOUD, PREDICTION = "object_cloud", "flow/prediction"
+TRUTH = "sim/ground_truth_flow/_service_event"
+
+Stamp = tuple[int, int]
+"""Seconds and nanoseconds, as in the message: exact."""
+
+
+def key(stamp: Time) -> Stamp:
+    """The stamp as a dictionary key."""
+    return stamp.sec, stamp.nanosec
+
+
+def seconds(stamp: Stamp) -> float:
+    """The stamp as one number [s]."""
+    return stamp[0] + 1e-9 * stamp[1]
+
+
+def topic_called(bag: Bag, name: str, kind: str = "") -> str | None:
+    """The topic of a recording that ends in a relative name; None if there is none.
+
+    Args:
+        bag: The recording.
+        name: Relative, such as ``policy/events``.
+        kind: Its type; a topic of another one is somebody else's. Empty = any.
+
+    Raises:
+        BagError: several, as of two robots in namespaces.
+    """
+    found = [
+        topic.name
+        for topic in bag.topics.values()
+        if topic.name.endswith(f"/{name}") and kind in ("", topic.type)
+    ]
+    if len(found) > 1:
+        raise BagError(f"{bag.path} has several topics called {name}", got=", ".join(found))
+    return found[0] if found else None
+
+
+def decoded(bag: Bag, message: Message) -> Any:
+    """The message as an object.
+
+    Raises:
+        BagError: its type is not installed, or it is damaged.
+    """
+    kind = bag.topics[message.topic].type
+    try:
+        return deserialize_message(message.data, message_class(kind))
+    except BagError:
+        raise
+    except Exception as error:
+        # What rmw raises for bytes of another definition is a bare RuntimeError or worse.
+        raise BagError(
+            f"a message on {message.topic} cannot be read as {kind}",
+            got=error,
+            hint="was it recorded with another version of the type?",
+        ) from error
+
+
+@dataclass
+class Story:
+    """The part of a recording that the policy's decisions depend on.
+
+    Attributes:
+        inputs: PolicyInput messages, in order.
+        events: PolicyEvent messages, in order.
+        clouds: (N, 3) object clouds by stamp.
+        predictions: FlowPrediction messages by stamp of the cloud and seed, in order.
+        truths: The simulation's answers by stamp of the cloud.
+        parameters: Node -> parameter -> value.
+        weights: What the recorder knew of the weights, by node.
+    """
+
+    inputs: list[Any] = field(default_factory=list)
+    events: list[Any] = field(default_factory=list)
+    clouds: dict[Stamp, Cloud] = field(default_factory=dict)
+    predictions: dict[tuple[Stamp, int], list[Any]] = field(
+        default_factory=lambda: defaultdict(list)
+    )
+    truths: dict[Stamp, Any] = field(default_factory=dict)
+    parameters: dict[str, dict[str, Any]] = field(default_factory=dict)
+    weights: dict[str, dict[str, str]] = field(default_factory=dict)
+
+    def prediction_arrays(self, stamp: Stamp, seed: int) -> tuple[Cloud, NDArray[np.float32]]:
+        """(N, 3) points and (S, N, 3) flows recorded for a cloud and a seed.
+
+        Raises:
+            BagError: they were not recorded.
+        """
+        found = [p for p in self.predictions.get((stamp, seed), []) if p.ok]
+        if not found:
+            raise BagError(f"the recording has no {PREDICTION} for stamp {stamp}, seed {seed}")
+        return clouds.from_flow_message(found[-1].flows)
+
+
+def read_story(bag: Bag, span: Span | None = None) -> Story:
+    """Read a recording's story.
+
+    Raises:
+        BagError: the parameters in it cannot be read, or a message is damaged.
+    """
+    story = Story()
+    ours = "flowbothd_interfaces"
+    takers: dict[tuple[str, str], Callable[[Any], None]] = {
+        (INPUTS, f"{ours}/msg/PolicyInput"): story.inputs.append,
+        (EVENTS, f"{ours}/msg/PolicyEvent"): story.events.append,
+        (CLOUD, "sensor_msgs/msg/PointCloud2"): lambda m: story.clouds.update(
+            {key(m.header.stamp): _points(m)}
+        ),
+        (PREDICTION, f"{ours}/msg/FlowPrediction"): lambda m: story.predictions[
+            key(m.header.stamp), m.seed
+        ].append(m),
+        (TRUTH, f"{ours}/srv/GroundTruthFlow_Event"): lambda m: _take_truth(story, m),
+    }
+    found = {topic_called(bag, *which): taker for which, taker in takers.items()}
+    names: dict[str, Callable[[Any], None]] = {t: f for t, f in found.items() if t is not None}
+    for message in bag.messages(names, span):
+        names[message.topic](decoded(bag, message))
+    # Two threads of the recorder's middleware may have swapped neighbours; the numbers say how.
+    story.inputs.sort(key=lambda m: m.sequence)
+    files = bag.attachments()
+    story.parameters = stored_parameters(files)
+    story.weights = _mapping(files, about.WEIGHTS)
+    return story
+
+
+def stored_parameters(files: dict[str, bytes]) -> dict[str, dict[str, Any]]:
+    """Node -> parameter -> value from the files of a recording; empty if they are not in it.
+
+    Raises:
+        BagError: they are not what the recorder writes.
+    """
+    content = _mapping(files, about.PARAMETERS)
+    return {
+        node.rsplit("/", maxsplit=1)[-1]: flat_parameters(entry["ros__parameters"])
+        for node, entry in content.items()
+        if isinstance(entry, dict) and isinstance(entry.get("ros__parameters"), dict)
+    }
+
+
+def _mapping(files: dict[str, bytes], name: str) -> dict[str, Any]:
+    try:
+        content = yaml.safe_load(files.get(name, b"")) or {}
+    except yaml.YAMLError as error:
+        first = str(error).splitlines()[0]
+        raise BagError(f"{name} in the recording is damaged", got=first) from error
+    if not isinstance(content, dict):
+        raise BagError(f"{name} in the recording is not what `flowbothd record` writes")
+    return content
+
+
+def _points(message: Any) -> Cloud:
+    return np.ascontiguousarray(clouds.from_cloud_message(message, clouds.XYZ).reshape(-1, 3))
+
+
+def _take_truth(story: Story, message: Any) -> None:
+    for response in message.response:
+        story.truths[key(response.flows.header.stamp)] = response

@@ -1,0 +1,1 @@
+"""Reports of runs: what happened, as pictures, signals and a summary."""

@@ -1,0 +1,87 @@
+"""The graph that plays a recording: the player, and perception if it is to run anew."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from flowbothd_bringup.graph import NODES, Parameters, flat_parameters
+from flowbothd_rosbag import about
+from flowbothd_rosbag.metadata import BagError
+from flowbothd_rosbag.reader import Bag
+
+PLAYER = "player_node"
+PERCEPTION = "perception_node"
+
+_OUTPUT = r"/object_cloud$|/perception_node/"
+_INPUTS = ("/joint_states", "/depth/image_raw")
+
+
+def playing_graph(
+    path: Path,
+    *,
+    rate: float = 1.0,
+    begin: float = 0.0,
+    end: float = 0.0,
+    loop: bool = False,
+    exclude: str = "",
+    perception: bool = False,
+) -> tuple[dict[str, str], Parameters]:
+    """Node -> module, and their parameters.
+
+    Args:
+        path: The recording.
+        rate: Speed.
+        begin: Where to begin, after the first message [s].
+        end: Where to end [s]; 0 = at its end.
+        loop: Begin anew at the end.
+        exclude: Regular expression of topics that are not played.
+        perception: Run perception_node as it was configured, and play all but what it put out.
+
+    Raises:
+        BagError: there is no recording, or it lacks the parameters of a node that is to run.
+    """
+    bag = Bag(path)
+    if rate <= 0:
+        raise BagError("rate of a replay", got=rate, allowed="> 0")
+    left_out = [exclude] if exclude else []
+    player: dict[str, Any] = {
+        "bag": str(path),
+        "rate": float(rate),
+        "begin": float(begin),
+        "end": float(end),
+        "loop": loop,
+    }
+    nodes = {PLAYER: "flowbothd_rosbag.player_node"}
+    parameters: Parameters = {PLAYER: player}
+    if perception:
+        nodes[PERCEPTION] = NODES[PERCEPTION]
+        parameters[PERCEPTION] = recorded_parameters(bag, PERCEPTION)
+        left_out.append(_OUTPUT)
+        player["wait_for"] = [name for name in _INPUTS if name in bag.topics]
+    if left_out:
+        player["exclude"] = "|".join(left_out)
+    return nodes, parameters
+
+
+def recorded_parameters(bag: Bag, node: str) -> dict[str, Any]:
+    """Parameters that a node had, for its next run on the time of the recording.
+
+    Raises:
+        BagError: they were not recorded.
+    """
+    content = yaml.safe_load(bag.attachments().get(about.PARAMETERS, b"")) or {}
+    if node not in content:
+        raise BagError(
+            f"{bag.path} has no parameters of {node}",
+            hint="record with `flowbothd record`, which asks all nodes for theirs",
+        )
+    values = flat_parameters(content[node]["ros__parameters"])
+    kept = {
+        name: value
+        for name, value in values.items()
+        if not name.startswith(("qos_overrides", "start_type_description")) and value != []
+    }
+    return kept | {"use_sim_time": True}

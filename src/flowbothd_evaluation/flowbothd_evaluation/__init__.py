@@ -1,0 +1,1 @@
+"""How good the robot is: stepped rollouts, experiments, benchmarks."""

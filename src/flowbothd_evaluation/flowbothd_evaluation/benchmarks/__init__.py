@@ -1,0 +1,1 @@
+"""Measured speed and correctness of perception, motion, simulation and recording."""

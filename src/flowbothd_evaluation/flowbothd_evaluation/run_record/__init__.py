@@ -1,0 +1,1 @@
+"""The record of one run: written, read, plotted and drawn."""

@@ -1,0 +1,1 @@
+"""Networks that predict flow, and the diffusion and sampling around them."""

@@ -1,0 +1,1 @@
+"""The arm: description, kinematics, limits and trajectories."""

@@ -1,0 +1,1 @@
+"""Running motions: guarded steps, tool paths, the envelope that holds them."""

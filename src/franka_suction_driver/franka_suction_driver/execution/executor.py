@@ -1,0 +1,366 @@
+"""Runs one motion at a time: planned, then ticked; the same behind nodes and in stepped worlds.
+
+`start` plans and begins; where planning must not block, `prepare` can run in another thread and
+`begin` takes its outcome. `tick` never plans.
+"""
+
+from __future__ import annotations
+
+import logging
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from flowbothd_common.errors import MotionRejectedError
+from flowbothd_common.motion import (
+    JointTrajectory,
+    MotionGoal,
+    MotionKind,
+    MotionReason,
+    MotionResult,
+    RobotObservation,
+)
+from flowbothd_common.types import Array, as_cloud
+from franka_suction_driver.arm.commander import Commander
+from franka_suction_driver.arm.kinematics import Kinematics
+from franka_suction_driver.arm.limits import robot_limits
+from franka_suction_driver.arm.trajectory import JointState
+from franka_suction_driver.execution.audit import (
+    AuditSink,
+    NoAudit,
+    goal_entry,
+    result_entry,
+    trajectory_entry,
+)
+from franka_suction_driver.execution.envelope import Envelope, slowed, workspace
+from franka_suction_driver.execution.goals import checked_goal
+from franka_suction_driver.execution.motion_factory import MotionFactory, Prepared
+from franka_suction_driver.execution.motion_step import Ending, RunningMotion, Step
+from franka_suction_driver.execution.recorder import Recorder
+from franka_suction_driver.execution.tool_follower import SlowZones, ToolFollower
+from franka_suction_driver.params import MotionParams
+from franka_suction_driver.planning.collision import CollisionChecker, Margins
+from franka_suction_driver.planning.held import HeldPart
+from franka_suction_driver.planning.hidden import hidden_points
+from franka_suction_driver.planning.planner import PlannedMotion, Planner
+
+_log = logging.getLogger(__name__)
+_AT_REST = 0.05
+_SAME_PLACE = 0.02
+
+
+@dataclass(frozen=True)
+class MotionUpdate:
+    """What a tick came to.
+
+    Attributes:
+        trajectory: To be sent to the arm now, replacing the running one; or None.
+        fraction: Progress of the running motion, 0..1.
+        result: Set once, when the motion is over.
+        shown: What would have been sent, were this not a dry run.
+    """
+
+    trajectory: JointTrajectory | None = None
+    fraction: float = 0.0
+    result: MotionResult | None = None
+    shown: JointTrajectory | None = None
+
+
+def _twin(robot: Kinematics) -> Kinematics:
+    return Kinematics(robot.urdf, robot.joint_names, robot.base_frame, robot.tip_frame)
+
+
+class MotionExecutor:
+    """Approach, Probe, FlowStep and Retreat of one arm.
+
+    Args:
+        robot: The arm.
+        params: Parameters of the motion core.
+        seed: Of all random choices in planning; the n-th motion of two executors with the same
+            seed and inputs is the same.
+        audit: Is told every goal, trajectory and result.
+
+    Raises:
+        ParameterError: limits or the start pose do not fit the robot.
+    """
+
+    def __init__(
+        self,
+        robot: Kinematics,
+        params: MotionParams,
+        seed: int | None = None,
+        audit: AuditSink | None = None,
+    ) -> None:
+        self.robot = robot
+        self.params = params = slowed(params)
+        self.limits = robot_limits(robot, params.robot)
+        self._audit = audit or NoAudit()
+        self._envelope = Envelope(params.safety, robot)
+        box = self.limits.box(params.robot.position_margin)
+        # Pinocchio's data is not safe to share with a thread that plans.
+        self._planner = Planner(_twin(robot), self.limits, params)
+        # Of a held part nobody knows what is scene: steps keep clear of table and arm alone.
+        bare = CollisionChecker(
+            _twin(robot),
+            Margins(self_collision=0.0, table=0.003),
+            table_height=params.collision.table_height,
+            workspace=workspace(params.safety),
+        )
+        zones = SlowZones(params.safety.slow_conditioning, params.safety.slow_margin)
+        follower = ToolFollower(robot, self.limits, box, params.planning.tilt_slack, zones)
+        self._factory = MotionFactory(robot, self.limits, follower, bare, params)
+        self._seed = params.seed if seed is None else seed
+        self._motions = 0
+        self._commander = Commander()
+        self._commanded_once = False
+        self._running: RunningMotion | None = None
+        self._recorder: Recorder | None = None
+        self._goal: MotionGoal | None = None
+        self._held = HeldPart()
+        self._eye: Array | None = None
+        self._stop_request: Ending | None = None
+        self._last_request: Ending | None = None
+
+    @property
+    def busy(self) -> bool:
+        """Whether a motion is running."""
+        return self._recorder is not None
+
+    def is_free(self, q: Array) -> bool:
+        """Whether the arm touches nothing at joint positions (J,), by the planner's scene."""
+        return self._planner.collision.free(q)
+
+    def set_obstacles(self, points: object | None, eye: object | None = None) -> None:
+        """Replace the observed object.
+
+        Args:
+            points: (N, 3) in base [m], or None.
+            eye: (3,) the camera in base [m]; if given, room behind the points is kept out of, see
+                `hidden_points`.
+
+        Raises:
+            InvalidCloudError: wrong shape, or values that are not finite.
+        """
+        hidden = None
+        self._eye = None if eye is None else np.asarray(eye, dtype=float)
+        if points is not None and self._eye is not None:
+            collision = self.params.collision
+            cloud = as_cloud(points, "obstacle cloud", min_points=0)
+            hidden = hidden_points(
+                cloud, self._eye, collision.hidden_depth, collision.obstacle_cell
+            )
+        self._planner.collision.set_points(points, hidden)
+
+    def start(self, goal: MotionGoal, observation: RobotObservation) -> None:
+        """Plan and begin a motion; what comes of it is told by `tick`.
+
+        Raises:
+            MotionRejectedError: the goal is malformed, or another motion is running.
+        """
+        self.begin(self.prepare(goal, observation), observation)
+
+    def prepare(self, goal: MotionGoal, observation: RobotObservation) -> Prepared:
+        """Check and plan a goal; may take a second, moves nothing, and is safe in one other thread.
+
+        Raises:
+            MotionRejectedError: the goal is malformed, outside the envelope, or another motion is
+                running.
+        """
+        if self.busy:
+            raise MotionRejectedError(
+                f"cannot start {goal.kind.value}: another motion is running",
+                hint="wait for its result, or stop it first",
+            )
+        checked = checked_goal(goal)
+        self._envelope.check_goal(checked)
+        rng = np.random.default_rng([self._seed, self._motions])
+        start = np.array(observation.positions, dtype=float)
+        planned = None
+        if checked.kind is MotionKind.APPROACH:
+            contact, direction = checked.contact, checked.direction
+            if contact is not None and direction is not None:
+                planned = self._planner.approach(start, contact, direction, checked.arc, rng)
+                self._held.approached(checked, self._planner.collision.points)
+        elif checked.kind is MotionKind.RETREAT:
+            planned = self._plan_retreat(start, rng)
+        return Prepared(checked, planned)
+
+    def _plan_retreat(self, start: Array, rng: np.random.Generator) -> PlannedMotion:
+        """By what is seen and what is remembered; where that leaves no way, by what is seen."""
+        seen, eye = self._planner.collision.points, self._eye
+        self.set_obstacles(self._held.completed(seen), eye)
+        planned = self._planner.retreat(start, rng, self._held.plate)
+        if planned.trajectory is None:
+            self.set_obstacles(seen, eye)
+            planned = self._planner.retreat(start, rng)
+        return planned
+
+    def begin(self, prepared: Prepared, observation: RobotObservation) -> None:
+        """Begin a prepared motion from where the arm stands.
+
+        Raises:
+            MotionRejectedError: another motion is running, or a stop is latched.
+        """
+        if self.busy:
+            raise MotionRejectedError("cannot begin: another motion is running")
+        self._envelope.check_goal(prepared.goal)
+        self._audit.write("goal", observation.time, goal_entry(prepared.goal))
+        self._motions += 1
+        self._stop_request = self._last_request = None
+        self._goal = prepared.goal
+        kind = prepared.goal.kind
+        self._recorder = Recorder(kind, self.robot, observation)
+        self._envelope.restart()
+        self._running = None
+        known = self._settle_commanded(observation)
+        speed = float(np.abs(observation.velocities).max())
+        # An arm that trembles where it was told to stand may go on; one that travels may not.
+        if speed > _AT_REST and not known:
+            message = f"the arm still moves ({speed:.2f} rad/s); wait until it rests"
+            self._stop_request = Ending(MotionReason.REJECTED, message)
+            return
+        try:
+            start = self._commander.state(observation.time)
+            outcome = self._factory.create(prepared, observation, start)
+        except MotionRejectedError as error:
+            outcome = Ending(MotionReason.REJECTED, str(error))
+        if isinstance(outcome, Ending):
+            self._stop_request = outcome
+        else:
+            self._running = outcome
+
+    def stop(self, reason: MotionReason = MotionReason.STOPPED, message: str = "") -> bool:
+        """Bring the running motion to rest at the next tick; whether there was one."""
+        if not self.busy:
+            return False
+        self._stop_request = Ending(reason, message or "stopped on request")
+        self._last_request = self._stop_request
+        return True
+
+    def tick(self, observation: RobotObservation) -> MotionUpdate:
+        """Advance the running motion to `observation.time`; to be called at 50 to 100 Hz."""
+        recorder = self._recorder
+        if recorder is None:
+            return MotionUpdate()
+        now = observation.time
+        commanded = self._commander.state(now)
+        recorder.see(observation, commanded)
+        if self._running is None:
+            ending = self._stop_request or Ending(MotionReason.REJECTED, "nothing to do")
+            return self._finish(recorder, ending, 0.0, observation)
+        problem = self._envelope.watch(observation, commanded)
+        if problem is not None and self._last_request is None:
+            self._stop_request = self._last_request = problem
+        stopping = self._stop_request is not None
+        if self._stop_request is not None:
+            request, self._stop_request = self._stop_request, None
+            step = self._running.stop(now, commanded, request)
+        else:
+            step = self._running.tick(now, commanded, observation)
+        if step.trajectory is not None and not stopping and self._last_request is None:
+            outside = self._envelope.leaves(step.trajectory, commanded)
+            if outside:
+                self._last_request = Ending(MotionReason.UNREACHABLE, outside)
+                step = self._running.stop(now, commanded, self._last_request)
+        return self._send(recorder, step, self._running.fraction, observation)
+
+    def _send(
+        self, recorder: Recorder, step: Step, fraction: float, observation: RobotObservation
+    ) -> MotionUpdate:
+        """Give out what a step came to; in a dry run, show it instead."""
+        now, trajectory = observation.time, step.trajectory
+        dry = self.params.safety.dry_run
+        if trajectory is not None:
+            self._audit.write("trajectory", now, trajectory_entry(trajectory, shown=dry))
+        if trajectory is not None and dry:
+            message = f"dry run: planned {trajectory.times[-1]:.1f} s, nothing moved"
+            ending = Ending(MotionReason.STOPPED, message)
+            return replace(self._finish(recorder, ending, 0.0, observation), shown=trajectory)
+        if trajectory is not None:
+            self._commander.issue(trajectory, now)
+        if step.ending is not None:
+            return self._finish(recorder, step.ending, fraction, observation, trajectory)
+        return MotionUpdate(trajectory, fraction)
+
+    @property
+    def latched(self) -> str:
+        """Why nothing may move until `release`; empty if it may."""
+        return self._envelope.latched
+
+    def halt(self, why: str, now: float) -> bool:
+        """Stop, and let nothing move until `release`; whether something was moving."""
+        self._envelope.latch(why)
+        self._audit.write("halt", now, {"why": why})
+        return self.stop(MotionReason.STOPPED, f"{why}; latched until motion/release")
+
+    def release(self, now: float) -> str:
+        """Let motion begin again; returns what had stopped it, empty if nothing had."""
+        why = self._envelope.release()
+        self._audit.write("release", now, {"why": why})
+        return why
+
+    def abandon(self, observation: RobotObservation) -> MotionResult:
+        """End the running motion now, although the arm may not rest yet; for frozen clocks.
+
+        Raises:
+            MotionRejectedError: no motion is running.
+        """
+        if self._recorder is None:
+            raise MotionRejectedError("there is no motion to abandon")
+        ending = self._last_request or Ending(MotionReason.STALE_INPUT, "inputs went silent")
+        fraction = self._running.fraction if self._running is not None else 0.0
+        update = self._finish(self._recorder, ending, fraction, observation)
+        if update.result is None:
+            raise RuntimeError("finishing a motion gave no result")
+        return update.result
+
+    def commanded(self, now: float) -> JointState:
+        """Joint state that the arm has been commanded to have at `now`."""
+        return self._commander.state(now)
+
+    def _finish(
+        self,
+        recorder: Recorder,
+        ending: Ending,
+        fraction: float,
+        observation: RobotObservation,
+        trajectory: JointTrajectory | None = None,
+    ) -> MotionUpdate:
+        result = recorder.result(ending, fraction, observation)
+        self._audit.write("result", observation.time, result_entry(result))
+        if self._goal is not None and self._goal.kind is MotionKind.FLOW_STEP:
+            self._held.stepped(self._goal, result)
+        self._recorder = None
+        self._running = None
+        self._stop_request = None
+        if ending.reason is MotionReason.LAGGING:
+            # The arm is not where it was commanded to be: the next motion starts where it is seen.
+            self._commanded_once = False
+        _log.info(
+            "%s: %s, %.0f %% of the path, %.2f s, peak %.1f N, lag %.4f rad %s",
+            result.kind.value,
+            result.reason.value,
+            100 * result.reached_fraction,
+            result.duration,
+            float(np.linalg.norm(result.peak_wrench[:3])),
+            result.max_lag,
+            result.message,
+        )
+        return MotionUpdate(trajectory, fraction, result)
+
+    def _settle_commanded(self, observation: RobotObservation) -> bool:
+        """Believe the last command where the arm is near it, the measurement otherwise.
+
+        Returns:
+            Whether the arm is where it was told to rest.
+        """
+        measured = np.array(observation.positions, dtype=float)
+        if self._commanded_once:
+            commanded = self._commander.state(observation.time)
+            near = np.abs(commanded.position - measured).max() < _SAME_PLACE
+            if near and not commanded.velocity.any():
+                self._commander.reset(commanded.position)
+                return True
+        self._commanded_once = True
+        self._commander.reset(measured)
+        return False

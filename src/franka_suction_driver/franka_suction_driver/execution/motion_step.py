@@ -1,0 +1,78 @@
+"""What a running motion tells the executor at every tick, and what they share."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from flowbothd_common.motion import JointTrajectory, MotionReason, RobotObservation
+from flowbothd_common.types import Array
+from franka_suction_driver.arm.trajectory import JointState
+
+
+@dataclass(frozen=True)
+class Ending:
+    """Why a motion is over.
+
+    Attributes:
+        reason: Its code.
+        message: For people.
+        contact: The tool touches something.
+    """
+
+    reason: MotionReason
+    message: str = ""
+    contact: bool = False
+
+
+@dataclass(frozen=True)
+class Step:
+    """One tick of a running motion.
+
+    Attributes:
+        trajectory: Replaces the running one from now on, if any.
+        ending: Set at the last tick.
+    """
+
+    trajectory: JointTrajectory | None = None
+    ending: Ending | None = None
+
+
+class RunningMotion(Protocol):
+    """A motion between its start and its ending."""
+
+    @property
+    def fraction(self) -> float:
+        """Part of the commanded path that has been covered, 0..1."""
+        ...
+
+    def tick(self, now: float, commanded: JointState, seen: RobotObservation) -> Step:
+        """Advance to `now` [s, node clock]."""
+        ...
+
+    def stop(self, now: float, commanded: JointState, ending: Ending) -> Step:
+        """Come to rest within the limits and then end as told."""
+        ...
+
+
+class ForceFilter:
+    """First-order low pass over the measured force; None until something was measured."""
+
+    def __init__(self, time_constant: float = 0.02) -> None:
+        self._time_constant = time_constant
+        self._time: float | None = None
+        self._force = np.zeros(3)
+
+    def update(self, now: float, wrench: Array | None) -> Array:
+        """(3,) filtered force [N] after a measurement; zero while there is none."""
+        if wrench is None:
+            return self._force
+        if self._time is None:
+            self._force = np.array(wrench[:3])
+        else:
+            weight = 1.0 - np.exp(-max(0.0, now - self._time) / self._time_constant)
+            self._force = self._force + weight * (wrench[:3] - self._force)
+        self._time = now
+        return self._force

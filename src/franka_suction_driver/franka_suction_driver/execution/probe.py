@@ -1,0 +1,145 @@
+"""Probe: from the standoff towards the contact in increments, until the cup holds or touches."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from flowbothd_common.motion import MotionReason, RobotObservation
+from franka_suction_driver.arm.trajectory import JointState
+from franka_suction_driver.execution.motion_step import Ending, ForceFilter, Step
+from franka_suction_driver.execution.tool_follower import Rollout, ToolFollower
+from franka_suction_driver.execution.tool_motion import Bounds, Reference
+from franka_suction_driver.params import ProbeParams
+
+_SLOWINGS = (1.0, 0.7, 0.4, 0.2, 0.1)
+
+
+class Probe:
+    """Moves the tool forward until something happens.
+
+    Args:
+        follower: Turns tool references into joint trajectories.
+        reference: At rest at the start, planned over the reachable part of the way.
+        planned: The plan's outcome.
+        distance: Length that was asked for [m].
+        params: Speeds and forces.
+        began: Node clock [s].
+    """
+
+    def __init__(
+        self,
+        follower: ToolFollower,
+        reference: Reference,
+        planned: Rollout,
+        distance: float,
+        params: ProbeParams,
+        began: float,
+    ) -> None:
+        self._follower = follower
+        self._reference = reference
+        self._planned = planned
+        self._distance = distance
+        self._reachable = min(planned.travel, distance)
+        self._params = params
+        self._began = began
+        self._force = ForceFilter()
+        self._goal = 0.0
+        self._since_contact: float | None = None
+        self._ending: Ending | None = None
+        self._fraction = 0.0
+
+    @property
+    def fraction(self) -> float:
+        """Part of the longest way that has been covered, 0..1."""
+        return self._fraction
+
+    def tick(self, now: float, commanded: JointState, seen: RobotObservation) -> Step:
+        """Watch for contact and vacuum; go on by one increment when the last is done."""
+        clock = now - self._began
+        travel = float(self._reference.travel(clock).position[0])
+        self._fraction = min(1.0, travel / self._distance)
+        force = self._force.update(now, seen.wrench)
+        resting = clock >= self._reference.end
+        if self._ending is not None:
+            return Step(ending=self._ending) if resting else Step()
+        if seen.vacuum:
+            return self._halt(clock, commanded, Ending(MotionReason.VACUUM, "", True))
+        size = float(np.linalg.norm(force))
+        if size > self._params.force_limit:
+            message = f"{size:.0f} N while probing (limit {self._params.force_limit:.0f} N)"
+            return self._halt(clock, commanded, Ending(MotionReason.FORCE_LIMIT, message, True))
+        if self._since_contact is not None:
+            return self._wait_for_vacuum(clock, resting)
+        against = -float(force @ self._reference.line.direction)
+        if against > self._params.contact_force:
+            self._since_contact = clock
+            return self._braking(clock, commanded)
+        return self._advance(clock, commanded) if resting else Step()
+
+    def stop(self, now: float, commanded: JointState, ending: Ending) -> Step:
+        """Brake along the direction, then end as told."""
+        return self._halt(now - self._began, commanded, ending)
+
+    def _advance(self, clock: float, commanded: JointState) -> Step:
+        if self._goal >= self._reachable - 1e-9:
+            return Step(ending=self._nothing_found())
+        params = self._params
+        if self._goal < params.free_distance and self._goal == 0.0:
+            step, speed = min(params.free_distance, self._distance), params.free_speed
+        else:
+            step, speed = params.increment, params.speed
+        self._goal = min(self._goal + step, self._reachable)
+        return self._issue(clock, commanded, Bounds(speed).scaled(self._planned.slowing))
+
+    def _nothing_found(self) -> Ending:
+        if self._planned.problem:
+            reason = MotionReason(self._planned.problem)
+            message = (
+                f"the arm reaches only {self._reachable * 100:.0f} of "
+                f"{self._distance * 100:.0f} cm: {self._planned.detail}"
+            )
+            return Ending(reason, message)
+        message = (
+            f"no contact within {self._distance * 100:.0f} cm; the surface lies further away than "
+            "the cloud says, or the cup passed its edge"
+        )
+        return Ending(MotionReason.NO_CONTACT, message)
+
+    def _wait_for_vacuum(self, clock: float, resting: bool) -> Step:
+        since = self._since_contact or 0.0
+        if not resting or clock < since + self._params.vacuum_wait:
+            return Step()
+        message = (
+            f"contact, but no vacuum within {self._params.vacuum_wait:.1f} s; the cup sits on an "
+            "edge or an uneven place, or the pump is off"
+        )
+        return Step(ending=Ending(MotionReason.CONTACT, message, True))
+
+    def _halt(self, clock: float, commanded: JointState, ending: Ending) -> Step:
+        self._ending = ending
+        if clock >= self._reference.end:
+            return Step(ending=ending)
+        return self._braking(clock, commanded)
+
+    def _braking(self, clock: float, commanded: JointState) -> Step:
+        self._reference, trajectory = self._follower.brake(
+            self._reference, clock, commanded, self._planned.path
+        )
+        return Step(trajectory)
+
+    def _issue(self, clock: float, commanded: JointState, bounds: Bounds) -> Step:
+        """The next increment, as fast as the joint limits allow; or the end, if not at all."""
+        detail = self._planned.detail
+        if self._planned.path is not None:
+            for slowing in _SLOWINGS:
+                candidate = replace(self._reference)
+                candidate.redirect(clock, self._goal, bounds.scaled(slowing))
+                rollout = self._follower.retimed(self._planned.path, candidate, clock, commanded)
+                if rollout.good:
+                    self._reference = candidate
+                    return Step(rollout.trajectory)
+                detail = rollout.detail
+        message = f"the arm cannot go on along the probe: {detail}"
+        return Step(ending=Ending(MotionReason.SINGULARITY, message))

@@ -1,0 +1,284 @@
+"""Tool motions turned into joint trajectories that stay within every limit."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.interpolate import CubicSpline
+
+from flowbothd_common.motion import JointTrajectory
+from flowbothd_common.types import Array
+from franka_suction_driver.arm.fine_check import fine_violation
+from franka_suction_driver.arm.kinematics import (
+    Kinematics,
+    conditioning,
+    damped_inverse,
+    task_jacobian,
+)
+from franka_suction_driver.arm.limits import JointLimits, PositionBox, Violation
+from franka_suction_driver.arm.stopping import joint_stop
+from franka_suction_driver.arm.trajectory import JointState, sample_times
+from franka_suction_driver.execution.tool_motion import OFFSET_BOUNDS, Bounds, Reference, ToolLine
+from franka_suction_driver.execution.tool_path import ToolPath, solve_path
+from franka_suction_driver.execution.tool_solver import ToolSolver
+
+STEP = 0.04
+"""Time between two points of a tool trajectory [s]."""
+_SLOWINGS = (1.0, 0.6, 0.3, 0.15)
+_SHORTENINGS = 5
+_SLOWEST = 0.1
+_STEP_BACK = 0.004
+_BRAKINGS = (1.0, 0.7, 0.5, 0.35, 0.2, 0.1)
+_MOST_SAMPLES = 50
+_OFFSET_SHARE = 0.6
+# Velocities are checked at five places between two points; the worst may lie between those.
+_RESERVE = 0.02
+# The powers of the slowing by which velocity, acceleration and jerk shrink; positions stay.
+_POWERS = {"position": 0, "velocity": 1, "acceleration": 2, "jerk": 3}
+# Points lie elsewhere on a slower motion: what stays this much beyond a limit will not fit.
+_DOUBT = 1.1
+
+
+@dataclass(frozen=True)
+class Rollout:
+    """A reference turned into joint motion.
+
+    Attributes:
+        trajectory: As far as the reference could be followed, within the joint limits; None if
+            not even the first sample could.
+        travel: How far along the direction it goes [m].
+        problem: Empty, or what ends it early: ``joint_limit`` or ``singularity``.
+        excess: The limit that it breaks worst, if any.
+        slowing: How much slower than asked it had to be planned, 0..1.
+        detail: For people.
+        path: The joint path that was timed, of planned motions.
+    """
+
+    trajectory: JointTrajectory | None
+    travel: float
+    problem: str = ""
+    detail: str = ""
+    excess: Violation | None = None
+    slowing: float = 1.0
+    path: ToolPath | None = None
+
+    @property
+    def too_fast(self) -> bool:
+        """Whether it breaks a limit."""
+        return self.excess is not None
+
+    @property
+    def good(self) -> bool:
+        """Whether it goes all the way within the limits."""
+        return self.trajectory is not None and not self.problem and not self.too_fast
+
+
+@dataclass(frozen=True)
+class SlowZones:
+    """Where the tool slows down, in proportion, down to a least part of its speed.
+
+    Attributes:
+        conditioning: Below this smallest singular value of the tool's Jacobian [m/rad]; 0 = never.
+        margin: Nearer than this to a joint limit [rad]; 0 = never.
+    """
+
+    conditioning: float
+    margin: float
+
+    def slowing(self, kinematics: Kinematics, box: PositionBox, path: Array) -> float:
+        """Part of the speed, 0.1..1, that a path of configurations (K, J) is worth."""
+        part = 1.0
+        if self.conditioning > 0:
+            part = float(conditioning(kinematics.tip(path)).min()) / self.conditioning
+        if self.margin > 0:
+            part = min(part, float(box.margin(path).min()) / self.margin)
+        return float(np.clip(part, _SLOWEST, 1.0))
+
+
+class ToolFollower:
+    """Turns references into joint trajectories.
+
+    Args:
+        kinematics: The arm.
+        limits: Joint limits, never exceeded.
+        box: Position limits with their margin.
+        tilt_slack: Tilt that is accepted in order to stay in reach [rad].
+        zones: Where planned motions slow down.
+    """
+
+    def __init__(
+        self,
+        kinematics: Kinematics,
+        limits: JointLimits,
+        box: PositionBox,
+        tilt_slack: float,
+        zones: SlowZones | None = None,
+    ) -> None:
+        self._kinematics = kinematics
+        self._limits = limits
+        self._box = box
+        self._solver = ToolSolver(kinematics, box, tilt_slack)
+        self._zones = zones or SlowZones(0.0, 0.0)
+
+    def rollout(self, reference: Reference, now: float, start: JointState) -> Rollout:
+        """Follow the reference from `now` to its end, beginning in the commanded state `start`.
+
+        Args:
+            reference: What the tool shall do.
+            now: Time on the motion's clock [s].
+            start: Commanded joint state at that time.
+        """
+        duration = reference.end - now
+        times = sample_times(duration, max(STEP, duration / _MOST_SAMPLES))
+        positions = np.empty((len(times), self._kinematics.dof))
+        q = before = start.position
+        for k, time in enumerate(times):
+            guess = self._solver.ahead(before, q)
+            reached = self._solver.reach(guess, *reference.pose(now + time))
+            if reached is None:
+                travel = float(reference.travel(now + time).position[0])
+                return Rollout(None, travel, *self._why(q))
+            before, q = q, reached
+            positions[k] = q
+        rates = CubicSpline(
+            np.concatenate([[0.0], times]),
+            np.vstack([start.position, positions]),
+            bc_type=((1, start.velocity), (1, np.zeros_like(q))),
+        )
+        velocities, accelerations = rates(times, 1), rates(times, 2)
+        velocities[-1] = 0.0
+        accelerations[-1] = 0.0
+        names = self._kinematics.joint_names
+        trajectory = JointTrajectory(names, times, positions, velocities, accelerations)
+        violation = fine_violation(self._limits, trajectory, start, -_RESERVE)
+        if violation is not None:
+            travel = float(reference.travel(now + violation.time).position[0])
+            return Rollout(trajectory, travel, detail=str(violation), excess=violation)
+        return Rollout(trajectory, float(reference.travel(reference.end).position[0]))
+
+    def plan(self, line: ToolLine, bounds: Bounds, start: JointState) -> tuple[Reference, Rollout]:
+        """A reference from rest that is within reach and within the joint limits.
+
+        It is slowed down until the limits hold and where the arm comes near a singularity or a
+        joint limit, and shortened to what the arm can reach; what made it shorter is the problem
+        of the rollout. Without any way to go, the rollout has no trajectory.
+        """
+        path = solve_path(line, start.position, self._solver)
+        goal, why = path.length, ("", "")
+        if goal < line.length:
+            why = self._why(path.nodes[-1])
+        caution = self._zones.slowing(self._kinematics, self._box, path.nodes)
+        for _ in range(_SHORTENINGS):
+            if goal < _STEP_BACK:
+                break
+            tried, excess = 1.0, None
+            for slowing in (caution * part for part in _SLOWINGS):
+                if excess is not None and _still_beyond(excess, slowing / tried):
+                    continue
+                reference = Reference.start(line, bounds.scaled(slowing), goal)
+                rollout = self.retimed(path, reference, 0.0, start)
+                tried, excess = slowing, rollout.excess
+                if rollout.good:
+                    planned = replace(rollout, problem=why[0], detail=why[1], slowing=slowing)
+                    return reference, planned
+            why = (self._tight(rollout), rollout.detail)
+            goal = min(goal, rollout.travel) - _STEP_BACK
+        why = why if why[0] else ("singularity", "")
+        return Reference.start(line, bounds), Rollout(None, 0.0, *why)
+
+    def retimed(
+        self, path: ToolPath, reference: Reference, now: float, start: JointState
+    ) -> Rollout:
+        """A solved path under the timing of a reference without any offset.
+
+        Args:
+            path: Along the reference's line.
+            reference: Leads no further than the path.
+            now: Time on the motion's clock [s].
+            start: Commanded joint state at that time.
+        """
+        duration = reference.along_end - now
+        times = sample_times(duration, max(STEP, duration / _MOST_SAMPLES))
+        trajectory = path.timed(self._kinematics.joint_names, reference, times, now)
+        violation = fine_violation(self._limits, trajectory, start, -_RESERVE)
+        if violation is None:
+            travel = float(reference.travel(reference.along_end).position[0])
+            return Rollout(trajectory, travel, path=path)
+        travel = float(reference.travel(now + violation.time).position[0])
+        return Rollout(trajectory, travel, detail=str(violation), excess=violation)
+
+    def brake(
+        self,
+        reference: Reference,
+        now: float,
+        start: JointState,
+        path: ToolPath | None = None,
+    ) -> tuple[Reference, JointTrajectory]:
+        """Stop along the direction as hard as the joint limits allow; the offset keeps its goal.
+
+        Args:
+            reference: What the tool was doing.
+            now: Time on the motion's clock [s].
+            start: Commanded joint state at that time.
+            path: The solved path, for a reference without offset.
+        """
+        slowest = replace(reference)
+        for hardness in _BRAKINGS:
+            slowest = replace(reference)
+            slowest.halt(now, Bounds(0.1, hardness, 40.0 * hardness))
+            if path is None:
+                slowest.shift(now, slowest.offset_state(now).position)
+                rollout = self.rollout(slowest, now, start)
+            elif slowest.travel(slowest.along_end).position[0] <= path.length:
+                rollout = self.retimed(path, slowest, now, start)
+            else:
+                continue
+            if rollout.good and rollout.trajectory is not None:
+                return slowest, rollout.trajectory
+        # Off the line, but to rest within the limits, which comes first.
+        return slowest, joint_stop(self._kinematics.joint_names, start, self._limits)
+
+    def offset_bounds(self, rollout: Rollout, direction: Array) -> Bounds:
+        """How hard the tool may be moved sideways anywhere on the way, by the joints' limits.
+
+        Args:
+            rollout: A planned motion.
+            direction: (3,) its unit direction.
+        """
+        if rollout.trajectory is None:
+            return OFFSET_BOUNDS
+        count = len(rollout.trajectory.positions)
+        picked = rollout.trajectory.positions[:: max(1, count // 6)]
+        inverse = damped_inverse(task_jacobian(self._kinematics.tip(picked)), 0.01)[..., :3]
+        sideways = inverse @ (np.eye(3) - np.outer(direction, direction))
+        needed = np.linalg.norm(sideways, axis=-1).max(axis=0)
+        share = float((_OFFSET_SHARE * self._limits.acceleration / needed).min())
+        factor = min(1.0, share / OFFSET_BOUNDS.acceleration)
+        return Bounds(
+            OFFSET_BOUNDS.speed, OFFSET_BOUNDS.acceleration * factor, OFFSET_BOUNDS.jerk * factor
+        )
+
+    def _tight(self, rollout: Rollout) -> str:
+        """What makes the joints move too fast where a rollout breaks its limit worst."""
+        trajectory, excess = rollout.trajectory, rollout.excess
+        if trajectory is None or excess is None:
+            return rollout.problem
+        index = int(np.searchsorted(trajectory.times, excess.time))
+        return self._why(trajectory.positions[min(index, len(trajectory.times) - 1)])[0]
+
+    def _why(self, q: Array) -> tuple[str, str]:
+        lower, upper = q - self._box.lower, self._box.upper - q
+        room = np.minimum(lower, upper)
+        if room.min() < 1e-3:
+            joint = int(room.argmin())
+            name = self._kinematics.joint_names[joint]
+            end = "lower" if lower[joint] < upper[joint] else "upper"
+            return "joint_limit", f"{name} is at its {end} limit ({q[joint]:.2f} rad)"
+        value = float(conditioning(self._kinematics.tip(q)))
+        return "singularity", f"the arm is stretched out (smallest singular value {value:.3f})"
+
+
+def _still_beyond(excess: Violation, part: float) -> bool:
+    """Whether the same motion is too fast at `part` of its speed as well, beyond doubt."""
+    return excess.ratio * part ** _POWERS[excess.what] > _DOUBT

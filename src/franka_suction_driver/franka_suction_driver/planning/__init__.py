@@ -1,0 +1,1 @@
+"""Collision-free paths: inverse kinematics, collision checks, path search."""

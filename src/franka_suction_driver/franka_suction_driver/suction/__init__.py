@@ -1,0 +1,1 @@
+"""The suction gripper: its state machine and its node."""
