@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import re
 from pathlib import Path
 
 import pytest
@@ -10,15 +11,7 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 SOURCES = ROOT / "src"
 
-PACKAGES = {
-    "flowbothd_common",
-    "flowbothd_model",
-    "flowbothd_perception",
-    "flowbothd_policy",
-    "franka_suction_driver",
-    "sim_bridge",
-    "flowbothd_bringup",
-}
+PACKAGES = {path.parent.name for path in SOURCES.glob("*/setup.py")}
 ROS = {
     "rclpy",
     "flowbothd_interfaces",
@@ -33,12 +26,22 @@ ROS = {
     "std_msgs",
     "std_srvs",
     "trajectory_msgs",
-    "launch",
-    "launch_ros",
 }
-HEAVY = {"torch", "pybullet", "open3d", "pinocchio", "coal", "ruckig", "panda_py", "honcho"}
+LAUNCH = {"launch", "launch_ros"}
+HEAVY = {
+    "torch",
+    "pybullet",
+    "open3d",
+    "pinocchio",
+    "coal",
+    "ruckig",
+    "panda_py",
+    "honcho",
+    "mcap",
+    "rerun",
+}
 
-# What a package's cores may import of the modules above, beside flowbothd_common.
+# What a package's cores may import of the modules above, besides themselves and flowbothd_common.
 ALLOWED = {
     "flowbothd_common": set(),
     "flowbothd_model": {"torch", "open3d"},
@@ -46,11 +49,30 @@ ALLOWED = {
     "flowbothd_policy": set(),
     "franka_suction_driver": {"pinocchio", "coal", "ruckig"},
     "sim_bridge": {"pybullet", "open3d"},
-    "flowbothd_bringup": ROS | HEAVY | PACKAGES,
+    "flowbothd_rosbag": {"mcap"},
+    "flowbothd_bringup": {"honcho", "flowbothd_rosbag", "franka_suction_driver", "sim_bridge"},
+    "flowbothd_evaluation": {
+        "torch",
+        "open3d",
+        "pinocchio",
+        "flowbothd_model",
+        "flowbothd_perception",
+        "flowbothd_policy",
+        "flowbothd_rosbag",
+        "franka_suction_driver",
+        "sim_bridge",
+    },
+    "flowbothd": ROS | {"torch", "pinocchio", "rerun"} | PACKAGES,
 }
 # One line each: a module that may import more than its package's cores.
 EXCEPTIONS = {
+    "flowbothd_bringup/launching.py": LAUNCH,
     "flowbothd_policy/inference_node.py": {"flowbothd_model"},
+}
+# Besides `*_node.py`, `*_ros.py` and flowbothd_common/ros: modules that speak ROS.
+ROS_MODULES = {
+    "flowbothd_evaluation/benchmarks/bench_record.py",
+    "flowbothd_evaluation/benchmarks/perception_load.py",
 }
 
 
@@ -76,15 +98,18 @@ def imported(path: Path) -> set[tuple[str, str]]:
 
 def violations(package: str, name: str, imports: set[tuple[str, str]]) -> list[str]:
     """Imports of the module `name` (package/file) that the rules forbid."""
-    is_ros_glue = name.startswith("flowbothd_common/ros/")
-    is_node = name.endswith(("_node.py", "_ros.py"))
+    speaks_ros = (
+        name.endswith(("_node.py", "_ros.py"))
+        or name.startswith("flowbothd_common/ros/")
+        or name in ROS_MODULES
+        or package == "flowbothd"
+    )
     allowed = ALLOWED[package] | EXCEPTIONS.get(name, set()) | {package, "flowbothd_common"}
-    if is_node or is_ros_glue:
+    if speaks_ros:
         allowed |= ROS
-    wrong = [
-        full for top, full in imports if top in (ROS | HEAVY | PACKAGES) and top not in allowed
-    ]
-    if not (is_node or is_ros_glue or package == "flowbothd_bringup"):
+    ruled = ROS | LAUNCH | HEAVY | PACKAGES
+    wrong = [full for top, full in imports if top in ruled and top not in allowed]
+    if not speaks_ros:
         wrong += [full for _, full in imports if full.startswith("flowbothd_common.ros")]
         wrong += [full for _, full in imports if full.endswith(("_node", "_ros"))]
     return sorted(wrong)
@@ -107,6 +132,49 @@ def test_the_rules_would_notice_a_violation():
     assert violations(
         "sim_bridge", "sim_bridge/world.py", {("franka_suction_driver", "franka_suction_driver.ik")}
     )
+    upward = ("flowbothd_bringup", "flowbothd_bringup.graph")
+    assert violations("flowbothd_evaluation", "flowbothd_evaluation/trials.py", {upward})
+    assert violations("flowbothd_bringup", "flowbothd_bringup/graph.py", {("launch", "launch")})
+
+
+def package_imports() -> dict[str, set[str]]:
+    """Package -> other packages of this project that any of its modules imports."""
+    found: dict[str, set[str]] = {package: set() for package in PACKAGES}
+    for path in modules():
+        package = path.relative_to(SOURCES).parts[0]
+        found[package] |= {top for top, _ in imported(path)} & PACKAGES - {package}
+    return found
+
+
+def levels(imports: dict[str, set[str]]) -> list[set[str]]:
+    """Packages in the order in which they can be built; ends early where a circle begins."""
+    order: list[set[str]] = []
+    done: set[str] = set()
+    while ready := {p for p, needed in imports.items() if p not in done and needed <= done}:
+        order.append(ready)
+        done |= ready
+    return order
+
+
+def test_packages_have_no_circle():
+    """The incident this guards against: a package that can be built only after itself."""
+    order = levels(package_imports())
+    assert set().union(*order) == PACKAGES
+    assert order[0] == {"flowbothd_common"}
+    assert order[-1] == {"flowbothd"}
+    assert levels({"a": {"b"}, "b": {"a"}, "c": set()}) == [{"c"}]
+
+
+def test_nobody_imports_the_command_line():
+    assert [p for p, needed in package_imports().items() if "flowbothd" in needed] == []
+
+
+@pytest.mark.parametrize("package", sorted(PACKAGES))
+def test_package_xml_names_the_packages_that_are_imported(package):
+    """The incident: colcon builds in the order of package.xml, and a missing name breaks it."""
+    text = (SOURCES / package / "package.xml").read_text()
+    named = set(re.findall(r"<exec_depend>(\w+)</exec_depend>", text)) & PACKAGES
+    assert package_imports()[package] <= named
 
 
 @pytest.mark.parametrize("path", modules(), ids=lambda p: str(p.relative_to(SOURCES)))

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from flowbothd_bringup.graph import Parameters, read_parameters, write_parameters
 from flowbothd_common.errors import FlowBotError, ParameterError
+from flowbothd_common.parameter_files import Parameters, read_parameters, write_parameters
 from flowbothd_common.parameters import build
 from flowbothd_common.transforms import look_at
 from flowbothd_common.types import Array

@@ -11,15 +11,11 @@ from flowbothd.record_command import complete, recorder_process
 from flowbothd.report.report import write_report
 from flowbothd.up import add_run_arguments, run_options
 from flowbothd.view.view_command import save_bag
-from flowbothd_bringup.graph import (
-    check_object,
-    sim_parameters,
-    sim_processes,
-    write_parameters,
-)
+from flowbothd_bringup.graph import check_object, sim_parameters, sim_processes
 from flowbothd_bringup.processes import NodeProcess, run_graph
 from flowbothd_common.environment import node_environment, own_domain
 from flowbothd_common.errors import FlowBotError
+from flowbothd_common.parameter_files import write_parameters
 from flowbothd_evaluation.run_record.record import load_record
 from flowbothd_rosbag.reader import Bag
 from sim_bridge.scenes import scene_for

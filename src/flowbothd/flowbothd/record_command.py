@@ -10,9 +10,9 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from flowbothd_bringup.graph import write_parameters
 from flowbothd_bringup.processes import NodeProcess, run_graph
 from flowbothd_common.environment import node_environment
+from flowbothd_common.parameter_files import write_parameters
 from flowbothd_rosbag.mcap_repair import is_complete
 from flowbothd_rosbag.recorder_params import PROFILES
 from flowbothd_rosbag.writer import recover

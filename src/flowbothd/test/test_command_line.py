@@ -85,12 +85,8 @@ def test_one_pose_serves_all_modes_of_the_ambiguous_door():
 
 @pytest.mark.ros
 def test_camera_and_perception_get_the_same_calibration_and_overrides_win(tmp_path: Path):
-    from flowbothd_bringup.graph import (
-        RunOptions,
-        read_parameters,
-        sim_parameters,
-        write_parameters,
-    )
+    from flowbothd_bringup.graph import RunOptions, sim_parameters
+    from flowbothd_common.parameter_files import read_parameters, write_parameters
 
     options = RunOptions(seed=7, overrides={"policy_node": {"max_steps": 3}})
     parameters = sim_parameters(scene_for("drawer"), options)

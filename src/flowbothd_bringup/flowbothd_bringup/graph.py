@@ -3,16 +3,12 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
-
-import yaml
 
 from flowbothd_bringup.processes import NodeProcess
-from flowbothd_common.parameters import build, specifications
-from franka_suction_driver.params import MotionParams
+from flowbothd_common.parameter_files import Parameters, read_parameters
+from franka_suction_driver.simulated import SIMULATED_ARM
 from sim_bridge.objects.registry import load_object
 from sim_bridge.scenes import Scene
 
@@ -25,9 +21,6 @@ NODES = {
     "policy_node": "flowbothd_policy.policy_node",
 }
 """Node name -> module that runs it, for the graph against the simulation."""
-
-Parameters = dict[str, dict[str, Any]]
-"""Node name -> parameter name -> value."""
 
 
 @dataclass(frozen=True)
@@ -51,37 +44,6 @@ class RunOptions:
     overrides: Parameters | None = None
 
 
-def read_parameters(path: Path) -> Parameters:
-    """Parameters of a ROS YAML file: node -> name -> value, groups flattened to dotted names."""
-    content = yaml.safe_load(path.read_text()) or {}
-    return {node: flat_parameters(entry["ros__parameters"]) for node, entry in content.items()}
-
-
-def flat_parameters(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Nested groups of parameters as one level of dotted names."""
-    result: dict[str, Any] = {}
-    for name, value in values.items():
-        if isinstance(value, Mapping):
-            result.update(flat_parameters(value, f"{prefix}{name}."))
-        else:
-            result[prefix + name] = value
-    return result
-
-
-class _PlainDumper(yaml.SafeDumper):
-    """ROS refuses YAML in which one list stands for two parameters."""
-
-    def ignore_aliases(self, data: Any) -> bool:
-        """Write equal lists twice."""
-        return True
-
-
-def write_parameters(path: Path, parameters: Parameters) -> None:
-    """Write parameters as the ROS YAML file that `--params-file` takes."""
-    content = {node: {"ros__parameters": values} for node, values in parameters.items()}
-    path.write_text(yaml.dump(content, Dumper=_PlainDumper, sort_keys=True))
-
-
 def check_object(scene: Scene, options: RunOptions) -> None:
     """Load the object once, so that what is wrong with it is said before six processes start.
 
@@ -89,13 +51,6 @@ def check_object(scene: Scene, options: RunOptions) -> None:
         ObjectModelError: an unknown mode, or files that are missing or damaged.
     """
     load_object(scene.object, mode=options.mode or None, seed=options.seed)
-
-
-def sim_motion_params() -> MotionParams:
-    """Parameters of the motion core in simulation, as `up sim` gives them to motion_node."""
-    given = read_parameters(config_file("sim.yaml"))["motion_node"]
-    known = {spec.name for spec in specifications(MotionParams)}
-    return build(MotionParams, {name: v for name, v in given.items() if name in known})
 
 
 def config_file(name: str) -> Path:
@@ -113,10 +68,12 @@ def config_file(name: str) -> Path:
 
 
 def sim_parameters(scene: Scene, options: RunOptions) -> Parameters:
-    """Parameters of every node for one scene: config/sim.yaml, then the scene, then overrides."""
+    """Parameters of every node for one scene: the files, then the scene, then overrides."""
     result = read_parameters(config_file("sim.yaml"))
     for node in NODES:
         result.setdefault(node, {})
+    for node, values in read_parameters(SIMULATED_ARM).items():
+        result[node] = values | result[node]
     camera = {
         "camera.position": list(scene.camera_eye),
         "camera.quaternion": scene.camera_quaternion,

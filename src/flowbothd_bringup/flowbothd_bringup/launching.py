@@ -19,8 +19,8 @@ from launch.actions import (  # type: ignore[import-not-found]
 from launch.substitutions import LaunchConfiguration  # type: ignore[import-not-found]
 from launch_ros.actions import Node  # type: ignore[import-not-found]
 
-from flowbothd_bringup.graph import Parameters, write_parameters
 from flowbothd_common.environment import node_environment
+from flowbothd_common.parameter_files import Parameters, write_parameters
 
 RECORDER = "flowbothd_rosbag.recorder_node"
 

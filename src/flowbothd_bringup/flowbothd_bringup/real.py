@@ -8,9 +8,10 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from flowbothd_bringup.graph import Parameters, config_file, read_parameters
+from flowbothd_bringup.graph import config_file
 from flowbothd_bringup.processes import NodeProcess
 from flowbothd_common.errors import ParameterError
+from flowbothd_common.parameter_files import Parameters, read_parameters
 from flowbothd_common.parameters import build, specifications
 from franka_suction_driver.backend_params import BACKENDS, ArmNodeParams
 from franka_suction_driver.params import MotionNodeParams

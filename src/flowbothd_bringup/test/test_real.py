@@ -22,7 +22,7 @@ from flowbothd.doctor.doctor_checks import (
     judge_wrench,
 )
 from flowbothd.doctor.doctor_host import check_host
-from flowbothd_bringup.graph import config_file, write_parameters
+from flowbothd_bringup.graph import config_file
 from flowbothd_bringup.real import (
     NODES,
     RealOptions,
@@ -32,6 +32,7 @@ from flowbothd_bringup.real import (
     real_processes,
 )
 from flowbothd_common.errors import ParameterError
+from flowbothd_common.parameter_files import write_parameters
 from flowbothd_common.parameters import build, specifications
 from franka_suction_driver.arm.kinematics import make_kinematics
 from franka_suction_driver.arm.limits import robot_limits

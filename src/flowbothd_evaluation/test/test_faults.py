@@ -9,13 +9,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flowbothd_bringup.graph import sim_motion_params
 from flowbothd_common.motion import JointTrajectory, MotionGoal, RobotObservation
 from flowbothd_common.types import SuctionReading
 from flowbothd_evaluation.rollout.arm import ArmPolicyWorld, arm_rollout
 from flowbothd_evaluation.run_record.record import RunRecord
 from flowbothd_policy.events import Event
 from franka_suction_driver.params import MotionParams
+from franka_suction_driver.simulated import sim_motion_params
 from sim_bridge.scenes import scene_for
 
 pytestmark = pytest.mark.long

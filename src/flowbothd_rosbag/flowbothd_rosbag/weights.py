@@ -6,12 +6,9 @@ import subprocess
 import sys
 import threading
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from typing import Any
 
 import yaml
-
-from flowbothd_common.errors import CheckpointError
 
 _TIMEOUT = 120.0
 
@@ -25,19 +22,6 @@ def models_in_use(parameters: Mapping[str, Mapping[str, Any]]) -> dict[str, str]
     }
 
 
-def describe(model: str) -> dict[str, str]:
-    """File and sha256 of weights, or why they cannot be had."""
-    from flowbothd_model.checkpoint import weights_hash
-    from flowbothd_model.predictor import find_weights
-
-    try:
-        file = Path(find_weights(model))
-        digest = weights_hash(file)
-    except (CheckpointError, OSError) as error:
-        return {"error": str(error)}
-    return {"file": f"{file.parent.name}/{file.name}", "sha256": digest}
-
-
 def describe_later(models: Mapping[str, str], done: Callable[[str], None]) -> None:
     """Describe weights without holding up the caller.
 
@@ -49,7 +33,7 @@ def describe_later(models: Mapping[str, str], done: Callable[[str], None]) -> No
     def work() -> None:
         result = {}
         for node, model in models.items():
-            command = [sys.executable, "-m", "flowbothd_rosbag.weights", model]
+            command = [sys.executable, "-m", "flowbothd_model.describe", model]
             try:
                 found = subprocess.run(
                     command, capture_output=True, text=True, timeout=_TIMEOUT, check=True
@@ -60,7 +44,3 @@ def describe_later(models: Mapping[str, str], done: Callable[[str], None]) -> No
         done(yaml.safe_dump(result))
 
     threading.Thread(target=work, name="weights", daemon=True).start()
-
-
-if __name__ == "__main__":
-    sys.stdout.write(yaml.safe_dump(describe(sys.argv[1])))

@@ -137,7 +137,7 @@ class FlowStepParams:
 class SafetyParams:
     """The envelope around all motion: what a stranger's robot is moved within.
 
-    The simulation has its own, wider one (flowbothd_bringup, config/sim.yaml).
+    The simulation has its own, wider one (config/simulated_arm.yaml).
     """
 
     speed_scale: float = parameter(

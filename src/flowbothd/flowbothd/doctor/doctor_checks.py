@@ -8,7 +8,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from flowbothd_bringup.graph import Parameters
+from flowbothd_common.parameter_files import Parameters
 from flowbothd_common.types import Array
 
 _LATEST_STAMP = 0.5

@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from flowbothd.replay.story import Stamp, Story
 from flowbothd_common.parameters import build, specifications
+from flowbothd_model.describe import describe
 from flowbothd_policy.commands import Predict
 from flowbothd_policy.inference_node import load_model
 from flowbothd_policy.inference_params import InferenceParams
@@ -14,7 +15,6 @@ from flowbothd_policy.predictor import FlowPredictor
 from flowbothd_policy.sampling import sample_model, sample_truth
 from flowbothd_policy.truth_ros import truth_of
 from flowbothd_rosbag.metadata import BagError
-from flowbothd_rosbag.weights import describe
 
 NODE = "inference_node"
 

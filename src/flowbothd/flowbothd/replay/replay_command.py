@@ -8,10 +8,10 @@ import sys
 import tempfile
 from pathlib import Path
 
-from flowbothd_bringup.graph import write_parameters
 from flowbothd_bringup.processes import NodeProcess, run_graph
 from flowbothd_bringup.replay_graph import PLAYER, playing_graph
 from flowbothd_common.environment import node_environment, own_domain
+from flowbothd_common.parameter_files import write_parameters
 from flowbothd_rosbag.metadata import BagError
 from flowbothd_rosbag.reader import Bag, Span
 

@@ -13,7 +13,7 @@ from builtin_interfaces.msg import Time
 from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
 
-from flowbothd_bringup.graph import flat_parameters
+from flowbothd_common.parameter_files import flat_parameters
 from flowbothd_common.ros import clouds
 from flowbothd_common.types import Cloud
 from flowbothd_rosbag import about

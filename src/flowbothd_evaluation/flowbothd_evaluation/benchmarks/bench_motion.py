@@ -20,7 +20,6 @@ from typing import Any
 import numpy as np
 from tqdm import tqdm
 
-from flowbothd_bringup.graph import sim_motion_params
 from flowbothd_evaluation.benchmarks.motion_requests import Verdict, draw, run_request
 from flowbothd_evaluation.run_record.record import write_json
 from franka_suction_driver.arm import trajectory
@@ -29,6 +28,7 @@ from franka_suction_driver.execution import tool_path
 from franka_suction_driver.execution.executor import MotionExecutor
 from franka_suction_driver.planning import planner
 from franka_suction_driver.planning.collision import CollisionChecker
+from franka_suction_driver.simulated import sim_motion_params
 
 SHARD = 100
 _BUDGETS = {

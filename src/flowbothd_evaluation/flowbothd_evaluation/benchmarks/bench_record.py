@@ -16,8 +16,8 @@ from typing import Any
 import psutil
 from rclpy.serialization import deserialize_message
 
-from flowbothd_bringup.graph import write_parameters
 from flowbothd_common.environment import node_environment, own_domain
+from flowbothd_common.parameter_files import write_parameters
 from flowbothd_evaluation.run_record.record import write_json
 from flowbothd_rosbag.metadata import BagError, read_metadata
 from flowbothd_rosbag.reader import Bag

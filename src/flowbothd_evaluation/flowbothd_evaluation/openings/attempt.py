@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 
-from flowbothd_bringup.graph import sim_motion_params
 from flowbothd_common.motion import (
     MotionGoal,
     MotionKind,
@@ -33,6 +32,7 @@ from franka_suction_driver.arm.description import compose_urdf
 from franka_suction_driver.arm.kinematics import make_kinematics
 from franka_suction_driver.execution.executor import MotionExecutor
 from franka_suction_driver.params import MotionParams
+from franka_suction_driver.simulated import sim_motion_params
 from sim_bridge.camera import DepthCamera
 from sim_bridge.depth_noise import DepthNoise
 from sim_bridge.world import ArmWorld

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flowbothd_bringup.graph import sim_motion_params
 from flowbothd_common.errors import ParameterError
 from flowbothd_common.transforms import apply, transform
 from flowbothd_common.types import Array
@@ -25,6 +24,7 @@ from franka_suction_driver.planning.collision import Box, CollisionChecker, Marg
 from franka_suction_driver.planning.continuation import ToolPoses, opening_poses
 from franka_suction_driver.planning.escape import TOOL_LINKS
 from franka_suction_driver.planning.inverse_kinematics import follow, solve
+from franka_suction_driver.simulated import sim_motion_params
 
 _X = (0.2, 0.85)
 _Y = (-0.5, 0.5)

@@ -6,7 +6,6 @@ import logging
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from flowbothd_bringup.graph import sim_motion_params
 from flowbothd_common.errors import MotionRejectedError
 from flowbothd_common.motion import MotionGoal, MotionKind, MotionReason, MotionResult
 from flowbothd_common.parameters import build
@@ -23,6 +22,7 @@ from franka_suction_driver.arm.description import compose_urdf
 from franka_suction_driver.arm.kinematics import make_kinematics
 from franka_suction_driver.execution.executor import MotionExecutor
 from franka_suction_driver.params import MotionParams
+from franka_suction_driver.simulated import sim_motion_params
 from franka_suction_driver.suction.suction import SuctionMachine
 from franka_suction_driver.suction_params import SuctionParams
 from sim_bridge.camera import DepthCamera
