@@ -5,6 +5,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 export AMENT_PREFIX_PATH := $(CURDIR)/$(VENV)
 PYTEST := $(BIN)/python -m pytest
+# Every Python package: src/NAME/setup.py builds src/NAME/NAME.
+SOURCES := $(foreach p,$(notdir $(patsubst %/setup.py,%,$(wildcard src/*/setup.py))),src/$(p)/$(p))
 
 .PHONY: help setup demo test check format colcon lock docs clean
 
@@ -23,7 +25,7 @@ test: setup ## all tests that this machine can run, colcon included
 check: setup ## format, lint, types, spelling, and the tests that need no ROS
 	$(BIN)/ruff format --check src tests tools conftest.py
 	$(BIN)/ruff check src tests tools conftest.py
-	$(BIN)/mypy $(addprefix src/,$(foreach p,flowbothd_common flowbothd_model flowbothd_perception flowbothd_policy franka_suction_driver sim_bridge flowbothd_bringup flowbothd_rosbag flowbothd_evaluation flowbothd,$(p)/$(p)))
+	$(BIN)/mypy $(SOURCES)
 	$(BIN)/codespell src tests tools docs README.md ARCHITECTURE.md CONTRIBUTING.md CHANGELOG.md
 	$(PYTEST) -q -m "not ros and not e2e and not long and not slow"
 

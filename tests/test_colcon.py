@@ -25,6 +25,21 @@ def colcon(folder: Path, verb: str, *arguments: str) -> subprocess.CompletedProc
     )
 
 
+def installed_config(prefix: Path) -> Path:
+    """Where the installed bringup package looks for its simulation's parameters."""
+    (library,) = prefix.glob("lib/python3*/site-packages")
+    code = "from flowbothd_bringup.graph import config_file; print(config_file('sim.yaml'))"
+    found = subprocess.run(
+        [sys.executable, "-c", code],
+        env={**os.environ, "PYTHONPATH": str(library)},
+        capture_output=True,
+        text=True,
+        timeout=60,
+        check=True,
+    )
+    return Path(found.stdout.strip())
+
+
 def test_colcon_builds_every_python_package_and_runs_their_tests(tmp_path):
     # Ignored, not skipped: the messages are already in the environment, built against its wheels.
     ignore = ("--packages-ignore", "flowbothd_interfaces")
@@ -37,6 +52,10 @@ def test_colcon_builds_every_python_package_and_runs_their_tests(tmp_path):
         assert (tmp_path / "install" / "flowbothd_policy" / "lib/flowbothd_policy" / node).is_file()
     launch = tmp_path / "install/flowbothd_bringup/share/flowbothd_bringup/launch/sim.launch.py"
     assert launch.is_file()
+    assert (tmp_path / "install/flowbothd/lib/flowbothd/flowbothd").is_file()
+    config = launch.parent.parent / "config" / "sim.yaml"
+    assert config.is_file()
+    assert installed_config(tmp_path / "install" / "flowbothd_bringup") == config
     # Two packages suffice: the others' tests run in this very test run already.
     chosen = ("--packages-select", "flowbothd_common", "flowbothd_policy")
     select = ("--pytest-args", "-m", "not ros and not slow")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+import tomllib
 from pathlib import Path
 
 import pytest
@@ -175,6 +176,12 @@ def test_package_xml_names_the_packages_that_are_imported(package):
     text = (SOURCES / package / "package.xml").read_text()
     named = set(re.findall(r"<exec_depend>(\w+)</exec_depend>", text)) & PACKAGES
     assert package_imports()[package] <= named
+
+
+def test_types_are_checked_across_all_packages():
+    """The incident this guards against: types of a package that mypy cannot find are all Any."""
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["mypy"]
+    assert set(settings["mypy_path"]) == {f"src/{package}" for package in PACKAGES}
 
 
 @pytest.mark.parametrize("path", modules(), ids=lambda p: str(p.relative_to(SOURCES)))
