@@ -40,7 +40,7 @@ def test_version_names_what_matters(capsys):
     with pytest.raises(SystemExit):
         main(["--version"])
     text = capsys.readouterr().out
-    assert "flowbothd" in text and "numpy" in text and "Python" in text
+    assert text.startswith("flowbothd ") and "numpy" in text and "Python" in text
 
 
 @pytest.mark.ros

@@ -1,13 +1,15 @@
 """Tables: the paper's numbers where they belong, denominators that leave nothing out."""
 
+import argparse
 import json
 import math
 
 import pytest
 
 pytest.importorskip("rclpy", reason="ROS is not installed")
-from flowbothd import cli
+from flowbothd_common.errors import ParameterError
 from flowbothd_common.types import Outcome
+from flowbothd_evaluation.paper import tables_command
 from flowbothd_evaluation.paper.suites import PAPER_ROWS
 from flowbothd_evaluation.paper.tables import _paper, compare, paper_row, rows_of, wilson
 from flowbothd_evaluation.paper.tables_text import (
@@ -150,6 +152,13 @@ def test_every_error_has_its_own_name():
     assert set(_ERRORS) == {"cosine", "mean_error", "rmse"}
 
 
+def tables(*words):
+    """Run the command that writes tables; errors come through."""
+    parser = argparse.ArgumentParser()
+    tables_command.add_arguments(parser)
+    return tables_command.run(parser.parse_args(words))
+
+
 def test_the_command_writes_one_report(tmp_path, capsys):
     import json
 
@@ -157,7 +166,7 @@ def test_the_command_writes_one_report(tmp_path, capsys):
     lines = [record(), record(trial=1, opened=False), record("flowbot3d-md"), record("oracle")]
     results.write_text("".join(json.dumps(line) + "\n" for line in lines))
     out = tmp_path / "report"
-    assert cli.main(["tables", str(results), "--out", str(out), "--no-analyses"]) == 0
+    assert tables(str(results), "--out", str(out), "--no-analyses") == 0
     assert "FlowBotHD" in capsys.readouterr().out
     page = (out / "README.md").read_text()
     assert "FlowBotHD against the others" in page and "below 1" in page
@@ -166,20 +175,18 @@ def test_the_command_writes_one_report(tmp_path, capsys):
     assert r"\begin{tabular}" in (out / "tables.tex").read_text()
 
 
-def test_two_weights_are_not_mixed_in_one_row(tmp_path, capsys):
+def test_two_weights_are_not_mixed_in_one_row(tmp_path):
     """Weights trained anew have the same name."""
     old, new = record(weights_sha256="ab"), record(trial=1, weights_sha256="cd")
     path = tmp_path / "results.jsonl"
     path.write_text("".join(json.dumps(r) + "\n" for r in (old, new, record("oracle"))))
-    assert cli.main(["tables", str(path), "--out", str(tmp_path / "report")]) == 2
-    told = capsys.readouterr().err
-    assert "FlowBotHD" in told
-    assert "compact ab, compact cd" in told
+    with pytest.raises(ParameterError, match=r"FlowBotHD.*compact ab, compact cd"):
+        tables(str(path), "--out", str(tmp_path / "report"))
 
 
 @pytest.mark.parametrize("content", ["", '{"success": true}\n'])
-def test_files_of_something_else_are_refused(tmp_path, capsys, content):
+def test_files_of_something_else_are_refused(tmp_path, content):
     results = tmp_path / "other.jsonl"
     results.write_text(content)
-    assert cli.main(["tables", str(results), "--out", str(tmp_path)]) == 2
-    assert "holds no records" in capsys.readouterr().err
+    with pytest.raises(ParameterError, match="holds no records"):
+        tables(str(results), "--out", str(tmp_path))

@@ -1,8 +1,10 @@
 """The evaluation: one record a trial whatever happens, the same ones however it was run."""
 
+import argparse
 import json
 import os
 import random
+import re
 import shutil
 import signal
 import subprocess
@@ -15,8 +17,8 @@ import numpy as np
 import pytest
 
 pytest.importorskip("rclpy", reason="ROS is not installed")
-from flowbothd import cli
-from flowbothd_common.errors import ObjectModelError, ParameterError
+from flowbothd_common.errors import FlowBotError, ObjectModelError, ParameterError
+from flowbothd_evaluation.paper import eval_command
 from flowbothd_evaluation.paper.cases import PROCEDURAL, find_cases
 from flowbothd_evaluation.paper.methods import (
     METHODS,
@@ -50,10 +52,15 @@ def trial_of(case, link, method="oracle", **changes):
     return replace(made, **changes)
 
 
+def command(*words):
+    """Run the command that evaluates; errors come through."""
+    parser = argparse.ArgumentParser()
+    eval_command.add_arguments(parser)
+    return eval_command.run(parser.parse_args(words))
+
+
 def evaluate(out, *arguments):
-    return cli.main(
-        ["eval", "--objects", PROCEDURAL, "--ids", DISHWASHER, "--out", str(out), *arguments]
-    )
+    return command("--objects", PROCEDURAL, "--ids", DISHWASHER, "--out", str(out), *arguments)
 
 
 def without_times(records):
@@ -128,7 +135,7 @@ def broken(tmp_path):
 def test_what_cannot_be_simulated_has_its_records(broken, tmp_path, capsys):
     out = tmp_path / "results.jsonl"
     arguments = ("--method", "oracle", "--trials", "2", "--jobs", "1", "--out", str(out))
-    assert cli.main(["eval", "--objects", str(broken), *arguments]) == 0
+    assert command("--objects", str(broken), *arguments) == 0
     records = read_records(out)
     cases = find_cases([str(broken)])
     assert len(records) == sum(len(case.links) for case in cases) * 2 == 6
@@ -263,7 +270,8 @@ def test_two_commands_do_not_write_the_same_file(tmp_path):
 def test_a_file_of_something_else_is_not_written_to(tmp_path):
     out = tmp_path / "results.jsonl"
     out.write_text("not a record\n")
-    assert evaluate(out, "--method", "oracle", "--trials", "1") == 2
+    with pytest.raises(ParameterError):
+        evaluate(out, "--method", "oracle", "--trials", "1")
     assert out.read_text() == "not a record\n"
 
 
@@ -280,10 +288,10 @@ def test_a_file_of_something_else_is_not_written_to(tmp_path):
         (("--suite", "small", "--ids", "nobody"), "nobody"),
     ],
 )
-def test_bad_input_is_named_before_anything_runs(tmp_path, capsys, arguments, said):
+def test_bad_input_is_named_before_anything_runs(tmp_path, arguments, said):
     out = tmp_path / "results.jsonl"
-    assert evaluate(out, *arguments) == 2
-    assert said in capsys.readouterr().err
+    with pytest.raises(FlowBotError, match=re.escape(said)):
+        evaluate(out, *arguments)
     assert not out.exists()
 
 

@@ -42,9 +42,18 @@ def test_an_interrupted_run_goes_on_where_it_stopped(tmp_path):
     assert "1 of 1" in table(again)
 
 
+PROGRAM = """
+import argparse
+from flowbothd_evaluation import trials
+parser = argparse.ArgumentParser()
+trials.add_arguments(parser)
+raise SystemExit(trials.run(parser.parse_args()))
+"""
+
+
 def test_no_worker_outlives_a_killed_command(tmp_path):
     """The incident: killed trials went on in the background and slowed everything else down."""
-    command = [sys.executable, "-m", "flowbothd.cli", "trials", "--suite", "door"]
+    command = [sys.executable, "-c", PROGRAM, "--suite", "door"]
     process = subprocess.Popen(
         [*command, "--out", str(tmp_path / "trials.jsonl")],
         stdout=subprocess.DEVNULL,
