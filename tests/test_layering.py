@@ -133,9 +133,9 @@ def test_the_rules_would_notice_a_violation():
     assert violations(
         "sim_bridge", "sim_bridge/world.py", {("franka_suction_driver", "franka_suction_driver.ik")}
     )
-    upward = ("flowbothd_bringup", "flowbothd_bringup.graph")
+    upward = ("flowbothd_bringup", "flowbothd_bringup.sim_graph")
     assert violations("flowbothd_evaluation", "flowbothd_evaluation/trials.py", {upward})
-    assert violations("flowbothd_bringup", "flowbothd_bringup/graph.py", {("launch", "launch")})
+    assert violations("flowbothd_bringup", "flowbothd_bringup/sim_graph.py", {("launch", "launch")})
 
 
 def package_imports() -> dict[str, set[str]]:
@@ -168,6 +168,8 @@ def test_packages_have_no_circle():
 
 def test_nobody_imports_the_command_line():
     assert [p for p, needed in package_imports().items() if "flowbothd" in needed] == []
+    tests = [p for p in SOURCES.glob("*/test/*.py") if p.parts[-3] != "flowbothd"]
+    assert [p.name for p in tests if "flowbothd" in {top for top, _ in imported(p)}] == []
 
 
 @pytest.mark.parametrize("package", sorted(PACKAGES))

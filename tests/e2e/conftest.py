@@ -95,7 +95,7 @@ class Graph:
 
     def wait_ready(self) -> None:
         """Listen until every node says that it can work."""
-        from flowbothd_bringup.graph import NODES
+        from flowbothd_bringup.sim_graph import NODES
 
         self.wait(
             lambda: set(NODES) <= {name for name, ready in self.ready.items() if ready},

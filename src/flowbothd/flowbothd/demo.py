@@ -11,8 +11,8 @@ from flowbothd.record_command import complete, recorder_process
 from flowbothd.report.report import write_report
 from flowbothd.up import add_run_arguments, run_options
 from flowbothd.view.view_command import save_bag
-from flowbothd_bringup.graph import check_object, sim_parameters, sim_processes
 from flowbothd_bringup.processes import NodeProcess, run_graph
+from flowbothd_bringup.sim_graph import check_object, sim_parameters, sim_processes
 from flowbothd_common.environment import node_environment, own_domain
 from flowbothd_common.errors import FlowBotError
 from flowbothd_common.parameter_files import write_parameters

@@ -19,7 +19,7 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from flowbothd.report.collector import Collector
-from flowbothd_bringup.graph import NODES
+from flowbothd_bringup.sim_graph import NODES
 from flowbothd_common.errors import FlowBotError
 from flowbothd_common.guardian import watch_guardian
 from flowbothd_common.ros.liveness import PeerWatch

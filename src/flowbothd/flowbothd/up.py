@@ -7,8 +7,8 @@ import sys
 import tempfile
 from pathlib import Path
 
-from flowbothd_bringup.graph import RunOptions, check_object, sim_parameters, sim_processes
 from flowbothd_bringup.processes import run_graph
+from flowbothd_bringup.sim_graph import RunOptions, check_object, sim_parameters, sim_processes
 from flowbothd_common.environment import node_environment, own_domain
 from flowbothd_common.parameter_files import write_parameters
 from sim_bridge.scenes import scene_for

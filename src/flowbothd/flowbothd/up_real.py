@@ -9,7 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from flowbothd_bringup.processes import run_graph
-from flowbothd_bringup.real import RealOptions, real_parameters, real_processes
+from flowbothd_bringup.robot_graph import RealOptions, real_parameters, real_processes
 from flowbothd_common.environment import node_environment
 from flowbothd_common.parameter_files import write_parameters
 from franka_suction_driver.backend_params import BACKENDS

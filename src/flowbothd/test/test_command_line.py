@@ -73,7 +73,7 @@ def test_scenes_are_complete_and_a_file_gets_the_default_one(tmp_path):
 @pytest.mark.ros
 def test_one_pose_serves_all_modes_of_the_ambiguous_door():
     """Otherwise the pose would tell the mode."""
-    from flowbothd_bringup.graph import RunOptions, sim_parameters
+    from flowbothd_bringup.sim_graph import RunOptions, sim_parameters
 
     scene = scene_for("custom_door")
     poses = {
@@ -85,7 +85,7 @@ def test_one_pose_serves_all_modes_of_the_ambiguous_door():
 
 @pytest.mark.ros
 def test_camera_and_perception_get_the_same_calibration_and_overrides_win(tmp_path: Path):
-    from flowbothd_bringup.graph import RunOptions, sim_parameters
+    from flowbothd_bringup.sim_graph import RunOptions, sim_parameters
     from flowbothd_common.parameter_files import read_parameters, write_parameters
 
     options = RunOptions(seed=7, overrides={"policy_node": {"max_steps": 3}})

@@ -19,7 +19,7 @@ from flowbothd.doctor.doctor_checks import (
     judge_wrench,
 )
 from flowbothd.doctor.doctor_host import check_host
-from flowbothd_bringup.real import NODES
+from flowbothd_bringup.robot_graph import NODES
 
 CAMERA = {"camera.position": [0.6, -1.0, 0.6], "camera.quaternion": [0.0, 0.0, 0.0, 1.0]}
 

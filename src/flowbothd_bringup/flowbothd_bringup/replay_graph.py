@@ -7,7 +7,7 @@ from typing import Any
 
 import yaml
 
-from flowbothd_bringup.graph import NODES
+from flowbothd_bringup.sim_graph import NODES
 from flowbothd_common.parameter_files import Parameters, flat_parameters
 from flowbothd_rosbag import about
 from flowbothd_rosbag.metadata import BagError

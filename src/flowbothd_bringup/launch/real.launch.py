@@ -9,7 +9,7 @@ The camera's driver is started by the lab.
 from pathlib import Path
 
 from flowbothd_bringup.launching import RECORD, description, is_true
-from flowbothd_bringup.real import NODES, RealOptions, real_parameters
+from flowbothd_bringup.robot_graph import NODES, RealOptions, real_parameters
 
 ARGUMENTS = {
     "robot": ("", "address of the control unit"),

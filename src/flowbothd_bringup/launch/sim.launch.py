@@ -5,8 +5,8 @@
 It starts the same nodes with the same parameters as `flowbothd up sim`.
 """
 
-from flowbothd_bringup.graph import NODES, RunOptions, sim_parameters
 from flowbothd_bringup.launching import RECORD, description, is_true
+from flowbothd_bringup.sim_graph import NODES, RunOptions, sim_parameters
 from sim_bridge.scenes import scene_for
 
 ARGUMENTS = {

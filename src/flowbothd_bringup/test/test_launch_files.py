@@ -98,7 +98,7 @@ def plain(parameters):
 
 
 def test_simulation(launch):
-    from flowbothd_bringup.graph import NODES, RunOptions, sim_parameters
+    from flowbothd_bringup.sim_graph import NODES, RunOptions, sim_parameters
     from sim_bridge.scenes import scene_for
 
     actions = launch("sim.launch.py", object="drawer", seed="3", start="true", predictor="oracle")
@@ -119,7 +119,7 @@ def test_every_graph_can_be_recorded(launch):
 
 
 def test_robot(launch, tmp_path):
-    from flowbothd_bringup.real import NODES, RealOptions, real_parameters
+    from flowbothd_bringup.robot_graph import NODES, RealOptions, real_parameters
     from flowbothd_common.errors import ParameterError
 
     with pytest.raises(ParameterError):

@@ -24,7 +24,7 @@ from flowbothd.doctor.doctor_checks import (
 from flowbothd.doctor.doctor_ear import Ear
 from flowbothd.doctor.doctor_host import check_host
 from flowbothd.up_real import add_real_arguments, real_options
-from flowbothd_bringup.real import NODES, given_parameters, missing_parameters
+from flowbothd_bringup.robot_graph import NODES, given_parameters, missing_parameters
 from flowbothd_common.environment import node_environment
 from flowbothd_common.errors import FlowBotError
 from flowbothd_common.parameter_files import Parameters

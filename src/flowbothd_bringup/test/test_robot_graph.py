@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from flowbothd_bringup.graph import config_file
-from flowbothd_bringup.real import (
+from flowbothd_bringup.robot_graph import (
     NODES,
     RealOptions,
     given_parameters,
@@ -17,6 +16,7 @@ from flowbothd_bringup.real import (
     real_parameters,
     real_processes,
 )
+from flowbothd_bringup.sim_graph import config_file
 from flowbothd_common.errors import ParameterError
 from flowbothd_common.parameter_files import write_parameters
 from flowbothd_common.parameters import build, specifications

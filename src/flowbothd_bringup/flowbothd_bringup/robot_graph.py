@@ -8,8 +8,8 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from flowbothd_bringup.graph import config_file
 from flowbothd_bringup.processes import NodeProcess
+from flowbothd_bringup.sim_graph import config_file
 from flowbothd_common.errors import ParameterError
 from flowbothd_common.parameter_files import Parameters, read_parameters
 from flowbothd_common.parameters import build, specifications
