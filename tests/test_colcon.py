@@ -28,7 +28,7 @@ def colcon(folder: Path, verb: str, *arguments: str) -> subprocess.CompletedProc
 def installed_config(prefix: Path) -> Path:
     """Where the installed bringup package looks for its simulation's parameters."""
     (library,) = prefix.glob("lib/python3*/site-packages")
-    code = "from flowbothd_bringup.sim_graph import config_file; print(config_file('sim.yaml'))"
+    code = "from flowbothd_bringup.node_graph import config_file; print(config_file('sim.yaml'))"
     found = subprocess.run(
         [sys.executable, "-c", code],
         env={**os.environ, "PYTHONPATH": str(library)},

@@ -13,21 +13,14 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
 
+from flowbothd_bringup import robot_graph, sim_graph
+
 ROOT = Path(__file__).resolve().parent.parent
 INTERFACES = ROOT / "docs" / "interfaces.md"
 RECORDING = ROOT / "docs" / "recording.md"
 README = ROOT / "README.md"
 
-NODES = (
-    "sim_bridge.bridge_node",
-    "flowbothd_perception.perception_node",
-    "flowbothd_policy.inference_node",
-    "flowbothd_policy.policy_node",
-    "franka_suction_driver.motion_node",
-    "franka_suction_driver.suction.suction_node",
-    "franka_suction_driver.arm_node",
-    "franka_suction_driver.pump_node",
-)
+NODES = tuple({**sim_graph.NODES, **robot_graph.NODES}.values())
 # What has no default: a node refuses to start without it, here it gets something to start with.
 REQUIRED: dict[str, dict[str, Any]] = {
     "flowbothd_perception.perception_node": {

@@ -11,18 +11,12 @@ import numpy as np
 import pytest
 
 pytest.importorskip("rclpy", reason="ROS is not installed")
+from flowbothd_bringup.sim_graph import NODES
+
 pytestmark = [pytest.mark.e2e, pytest.mark.ros, pytest.mark.timeout(420)]
 
 FLOWBOTHD = (sys.executable, "-m", "flowbothd.cli")
 ERROR = 2
-NODES = (
-    "bridge_node",
-    "motion_node",
-    "suction_node",
-    "perception_node",
-    "inference_node",
-    "policy_node",
-)
 SAID_WITHIN = 1.0
 """The promise: a dead node is named by another within a second of steady-clock time."""
 

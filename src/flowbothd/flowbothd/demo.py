@@ -7,15 +7,14 @@ import shutil
 import sys
 from pathlib import Path
 
-from flowbothd.record_command import complete, recorder_process
+from flowbothd.record_command import complete
 from flowbothd.report.report import write_report
 from flowbothd.up import add_run_arguments, run_options
 from flowbothd.view.view_command import save_bag
 from flowbothd_bringup.processes import NodeProcess, run_graph
-from flowbothd_bringup.sim_graph import check_object, sim_parameters, sim_processes
+from flowbothd_bringup.sim_graph import check_object, sim_graph
 from flowbothd_common.environment import node_environment, own_domain
 from flowbothd_common.errors import FlowBotError
-from flowbothd_common.parameter_files import write_parameters
 from flowbothd_evaluation.run_record.record import load_record
 from flowbothd_rosbag.reader import Bag
 from sim_bridge.scenes import scene_for
@@ -46,8 +45,7 @@ def run(arguments: argparse.Namespace) -> int:
     file = arguments.out / "parameters.yaml"
     bag = arguments.out / "bag"
     shutil.rmtree(bag, ignore_errors=True)
-    recorder = {"recorder_node": {"out": str(bag)}}
-    write_parameters(file, sim_parameters(scene, options) | recorder)
+    graph = sim_graph(scene, options)
     operator = NodeProcess(
         "operator",
         (
@@ -61,8 +59,8 @@ def run(arguments: argparse.Namespace) -> int:
         required=True,
     )
     domain = own_domain() if arguments.domain is None else arguments.domain
-    nodes = [*sim_processes(file, required=True), recorder_process(file), operator]
-    code = run_graph(nodes, node_environment(domain))
+    nodes = graph.recorded(out=str(bag)).processes(file, required=graph.nodes)
+    code = run_graph([*nodes, operator], node_environment(domain))
     complete(bag)
     summary = arguments.out / "summary.json"
     if code in (0, 1) and summary.exists():

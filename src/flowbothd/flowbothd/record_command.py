@@ -10,9 +10,9 @@ import tempfile
 from pathlib import Path
 from typing import Any
 
-from flowbothd_bringup.processes import NodeProcess, run_graph
+from flowbothd_bringup.node_graph import NodeGraph
+from flowbothd_bringup.processes import run_graph
 from flowbothd_common.environment import node_environment
-from flowbothd_common.parameter_files import write_parameters
 from flowbothd_rosbag.mcap_repair import is_complete
 from flowbothd_rosbag.recorder_params import PROFILES
 from flowbothd_rosbag.writer import recover
@@ -48,13 +48,6 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def recorder_process(parameters_file: Path) -> NodeProcess:
-    """The recorder as one process of a graph; the others go on when it ends."""
-    module = "flowbothd_rosbag.recorder_node"
-    command = (sys.executable, "-m", module, "--ros-args", "--params-file", str(parameters_file))
-    return NodeProcess("recorder_node", command)
-
-
 def complete(folder: Path) -> None:
     """Complete the recording in a folder if its recorder could not; nothing if there is none."""
     for file in folder.glob("*.mcap"):
@@ -77,8 +70,8 @@ def run(arguments: argparse.Namespace) -> int:
     environment = node_environment(arguments.domain)
     with tempfile.TemporaryDirectory(prefix="flowbothd-") as folder:
         file = Path(folder) / "recorder.yaml"
-        write_parameters(file, {"recorder_node": values})
-        code = run_graph([recorder_process(file)], environment)
+        graph = NodeGraph({}, {}).recorded(**values)
+        code = run_graph(graph.processes(file), environment)
     complete(out)
     # Being interrupted is how this command ends.
     return 0 if code == 130 else code

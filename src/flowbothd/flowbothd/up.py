@@ -8,9 +8,8 @@ import tempfile
 from pathlib import Path
 
 from flowbothd_bringup.processes import run_graph
-from flowbothd_bringup.sim_graph import RunOptions, check_object, sim_parameters, sim_processes
+from flowbothd_bringup.sim_graph import RunOptions, check_object, sim_graph
 from flowbothd_common.environment import node_environment, own_domain
-from flowbothd_common.parameter_files import write_parameters
 from sim_bridge.scenes import scene_for
 
 
@@ -65,14 +64,14 @@ def run(arguments: argparse.Namespace) -> int:
     check_object(scene, options)
     domain = own_domain() if arguments.domain is None else arguments.domain
     environment = node_environment(domain)
+    graph = sim_graph(scene, options)
     with tempfile.TemporaryDirectory(prefix="flowbothd-") as folder:
         file = Path(folder) / "parameters.yaml"
-        write_parameters(file, sim_parameters(scene, options))
         sys.stdout.write(
             f"ROS_DOMAIN_ID={domain} ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST reaches this graph; "
             "Ctrl-C ends it.\n"
         )
         sys.stdout.flush()
-        code = run_graph(sim_processes(file), environment)
+        code = run_graph(graph.processes(file), environment)
     # Being interrupted is how this command ends.
     return 0 if code == 130 else code

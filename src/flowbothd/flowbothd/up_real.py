@@ -9,9 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from flowbothd_bringup.processes import run_graph
-from flowbothd_bringup.robot_graph import RealOptions, real_parameters, real_processes
+from flowbothd_bringup.robot_graph import RealOptions, robot_graph
 from flowbothd_common.environment import node_environment
-from flowbothd_common.parameter_files import write_parameters
 from franka_suction_driver.backend_params import BACKENDS
 
 
@@ -67,19 +66,18 @@ def run(arguments: argparse.Namespace) -> int:
         dry_run=arguments.dry_run,
         start=arguments.start,
     )
-    parameters = real_parameters(options)
+    graph = robot_graph(options)
     environment = node_environment(arguments.domain)
     if arguments.network:
         environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "SUBNET"
-    speed = parameters["motion_node"].get("safety.speed_scale")
+    speed = graph.parameters["motion_node"].get("safety.speed_scale")
     with tempfile.TemporaryDirectory(prefix="flowbothd-") as folder:
         file = Path(folder) / "parameters.yaml"
-        write_parameters(file, parameters)
         sys.stdout.write(
             f"backend {options.backend}, speed {100 * float(speed or 0):.0f} %"
             f"{', DRY RUN' if options.dry_run else ''}; stop with motion/halt or the user stop; "
             f"`flowbothd doctor --domain {arguments.domain}` tells what is missing; Ctrl-C ends.\n"
         )
         sys.stdout.flush()
-        code = run_graph(real_processes(file), environment)
+        code = run_graph(graph.processes(file), environment)
     return 0 if code == 130 else code

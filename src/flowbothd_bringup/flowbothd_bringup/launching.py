@@ -19,10 +19,8 @@ from launch.actions import (  # type: ignore[import-not-found]
 from launch.substitutions import LaunchConfiguration  # type: ignore[import-not-found]
 from launch_ros.actions import Node  # type: ignore[import-not-found]
 
+from flowbothd_bringup.node_graph import NodeGraph
 from flowbothd_common.environment import node_environment
-from flowbothd_common.parameter_files import Parameters, write_parameters
-
-RECORDER = "flowbothd_rosbag.recorder_node"
 
 RECORD = {
     "record": ("", "folder to record into; empty: record nothing"),
@@ -48,24 +46,21 @@ def is_true(text: str) -> bool:
 
 def description(
     arguments: Mapping[str, tuple[str, str]],
-    graph: Callable[[Values], tuple[Mapping[str, str], Parameters]],
+    graph: Callable[[Values], NodeGraph],
 ) -> Any:
     """A launch description.
 
     Args:
         arguments: Name -> default and description.
-        graph: Takes the values of the arguments; gives node -> module, and parameters.
+        graph: Takes the values of the arguments.
     """
 
     def start(context: Any) -> list[Any]:
         values = {name: LaunchConfiguration(name).perform(context) for name in arguments}
-        nodes, parameters = graph(values)
-        nodes, parameters = dict(nodes), dict(parameters)
+        described = graph(values)
         if values.get("record"):
-            nodes["recorder_node"] = RECORDER
-            recorder = {"out": values["record"], "profile": values["profile"]}
-            parameters["recorder_node"] = recorder
-        return node_actions(nodes, parameters)
+            described = described.recorded(out=values["record"], profile=values["profile"])
+        return node_actions(described)
 
     declared = [
         DeclareLaunchArgument(name, default_value=default, description=text)
@@ -74,15 +69,13 @@ def description(
     return LaunchDescription([*declared, OpaqueFunction(function=start)])
 
 
-def node_actions(nodes: Mapping[str, str], parameters: Parameters) -> list[Any]:
-    """Actions that start nodes with parameters and with the environment that they need.
+def node_actions(graph: NodeGraph) -> list[Any]:
+    """Return actions that start the nodes of a graph, with the environment that they need.
 
-    Args:
-        nodes: Node name -> module; the executable is called as the node.
-        parameters: Of the nodes; written to a file that stays for as long as they may read it.
+    Their parameters are in a file that stays for as long as they may read it.
     """
     file = Path(tempfile.mkdtemp(prefix="flowbothd-")) / "parameters.yaml"
-    write_parameters(file, parameters)
+    graph.write(file)
     environment = node_environment(0)
     return [
         *(SetEnvironmentVariable(name, environment[name]) for name in _ENVIRONMENT),
@@ -91,9 +84,11 @@ def node_actions(nodes: Mapping[str, str], parameters: Parameters) -> list[Any]:
                 package=module.split(".", maxsplit=1)[0],
                 executable=name,
                 name=name,
+                namespace=graph.namespace or None,
                 output="screen",
                 parameters=[str(file)],
+                remappings=list(graph.remappings.items()),
             )
-            for name, module in nodes.items()
+            for name, module in graph.nodes.items()
         ),
     ]

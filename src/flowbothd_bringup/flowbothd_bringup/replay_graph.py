@@ -7,7 +7,7 @@ from typing import Any
 
 import yaml
 
-from flowbothd_bringup.sim_graph import NODES
+from flowbothd_bringup.node_graph import DECIDING_NODES, NodeGraph
 from flowbothd_common.parameter_files import Parameters, flat_parameters
 from flowbothd_rosbag import about
 from flowbothd_rosbag.metadata import BagError
@@ -29,8 +29,8 @@ def playing_graph(
     loop: bool = False,
     exclude: str = "",
     perception: bool = False,
-) -> tuple[dict[str, str], Parameters]:
-    """Node -> module, and their parameters.
+) -> NodeGraph:
+    """Return the graph that plays a recording.
 
     Args:
         path: The recording.
@@ -58,13 +58,13 @@ def playing_graph(
     nodes = {PLAYER: "flowbothd_rosbag.player_node"}
     parameters: Parameters = {PLAYER: player}
     if perception:
-        nodes[PERCEPTION] = NODES[PERCEPTION]
+        nodes[PERCEPTION] = DECIDING_NODES[PERCEPTION]
         parameters[PERCEPTION] = recorded_parameters(bag, PERCEPTION)
         left_out.append(_OUTPUT)
         player["wait_for"] = [name for name in _INPUTS if name in bag.topics]
     if left_out:
         player["exclude"] = "|".join(left_out)
-    return nodes, parameters
+    return NodeGraph(nodes, parameters)
 
 
 def recorded_parameters(bag: Bag, node: str) -> dict[str, Any]:

@@ -1,15 +1,13 @@
-"""The node graph on a robot: its processes, its parameters, and what must be given."""
+"""The graph on a robot: its nodes, their parameters, and what must be given."""
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from flowbothd_bringup.processes import NodeProcess
-from flowbothd_bringup.sim_graph import config_file
+from flowbothd_bringup.node_graph import DECIDING_NODES, NodeGraph, config_file
 from flowbothd_common.errors import ParameterError
 from flowbothd_common.parameter_files import Parameters, read_parameters
 from flowbothd_common.parameters import build, specifications
@@ -19,11 +17,7 @@ from franka_suction_driver.params import MotionNodeParams
 NODES = {
     "arm_node": "franka_suction_driver.arm_node",
     "pump_node": "franka_suction_driver.pump_node",
-    "motion_node": "franka_suction_driver.motion_node",
-    "suction_node": "franka_suction_driver.suction.suction_node",
-    "perception_node": "flowbothd_perception.perception_node",
-    "inference_node": "flowbothd_policy.inference_node",
-    "policy_node": "flowbothd_policy.policy_node",
+    **DECIDING_NODES,
 }
 """Node name -> module that runs it. What blocks Python, the pump, has a process of its own."""
 
@@ -129,15 +123,13 @@ def check_force_limits(parameters: Parameters) -> None:
             )
 
 
-def real_processes(parameters_file: Path) -> list[NodeProcess]:
-    """The processes of the graph on a robot; the camera's driver is started by the lab."""
-    return [
-        NodeProcess(
-            name,
-            (sys.executable, "-m", module, "--ros-args", "--params-file", str(parameters_file)),
-        )
-        for name, module in NODES.items()
-    ]
+def robot_graph(options: RealOptions) -> NodeGraph:
+    """Return the graph on a robot; the camera's driver is started by the lab.
+
+    Raises:
+        ParameterError: as `real_parameters`.
+    """
+    return NodeGraph(NODES, real_parameters(options))
 
 
 def _lab_file(path: Path) -> Parameters:

@@ -1,25 +1,16 @@
-"""The node graph: which processes, with which parameters."""
+"""The graph against the simulation: its nodes and their parameters."""
 
 from __future__ import annotations
 
-import sys
 from dataclasses import dataclass
-from pathlib import Path
 
-from flowbothd_bringup.processes import NodeProcess
+from flowbothd_bringup.node_graph import DECIDING_NODES, NodeGraph, config_file
 from flowbothd_common.parameter_files import Parameters, read_parameters
 from franka_suction_driver.simulated import SIMULATED_ARM
 from sim_bridge.objects.registry import load_object
 from sim_bridge.scenes import Scene
 
-NODES = {
-    "bridge_node": "sim_bridge.bridge_node",
-    "motion_node": "franka_suction_driver.motion_node",
-    "suction_node": "franka_suction_driver.suction.suction_node",
-    "perception_node": "flowbothd_perception.perception_node",
-    "inference_node": "flowbothd_policy.inference_node",
-    "policy_node": "flowbothd_policy.policy_node",
-}
+NODES = {"bridge_node": "sim_bridge.bridge_node", **DECIDING_NODES}
 """Node name -> module that runs it, for the graph against the simulation."""
 
 
@@ -53,20 +44,6 @@ def check_object(scene: Scene, options: RunOptions) -> None:
     load_object(scene.object, mode=options.mode or None, seed=options.seed)
 
 
-def config_file(name: str) -> Path:
-    """Path of a parameter file that comes with this package.
-
-    It lies beside the package in a source checkout, in share/flowbothd_bringup once installed.
-    """
-    package = Path(__file__).resolve().parent
-    checkout = package.parent / "config" / name
-    if (package.parent / "package.xml").is_file():
-        return checkout
-    shared = Path("share") / package.name / "config" / name
-    installed = (folder / shared for folder in package.parents)
-    return next((path for path in installed if path.is_file()), checkout)
-
-
 def sim_parameters(scene: Scene, options: RunOptions) -> Parameters:
     """Parameters of every node for one scene: the files, then the scene, then overrides."""
     result = read_parameters(config_file("sim.yaml"))
@@ -97,18 +74,6 @@ def sim_parameters(scene: Scene, options: RunOptions) -> Parameters:
     return result
 
 
-def sim_processes(parameters_file: Path, *, required: bool = False) -> list[NodeProcess]:
-    """The processes of the graph against the simulation.
-
-    Args:
-        parameters_file: For all nodes.
-        required: Whether the graph ends when any of them does.
-    """
-    return [
-        NodeProcess(
-            name,
-            (sys.executable, "-m", module, "--ros-args", "--params-file", str(parameters_file)),
-            required,
-        )
-        for name, module in NODES.items()
-    ]
+def sim_graph(scene: Scene, options: RunOptions) -> NodeGraph:
+    """Return the graph against the simulation of one scene."""
+    return NodeGraph(NODES, sim_parameters(scene, options))

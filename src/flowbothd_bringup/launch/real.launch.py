@@ -9,7 +9,7 @@ The camera's driver is started by the lab.
 from pathlib import Path
 
 from flowbothd_bringup.launching import RECORD, description, is_true
-from flowbothd_bringup.robot_graph import NODES, RealOptions, real_parameters
+from flowbothd_bringup.robot_graph import RealOptions, robot_graph
 
 ARGUMENTS = {
     "robot": ("", "address of the control unit"),
@@ -33,7 +33,7 @@ def _graph(values):
         dry_run=is_true(values["dry_run"]),
         start=is_true(values["start"]),
     )
-    return NODES, real_parameters(options)
+    return robot_graph(options)
 
 
 def generate_launch_description():

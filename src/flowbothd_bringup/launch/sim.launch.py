@@ -6,7 +6,7 @@ It starts the same nodes with the same parameters as `flowbothd up sim`.
 """
 
 from flowbothd_bringup.launching import RECORD, description, is_true
-from flowbothd_bringup.sim_graph import NODES, RunOptions, sim_parameters
+from flowbothd_bringup.sim_graph import RunOptions, sim_graph
 from sim_bridge.scenes import scene_for
 
 ARGUMENTS = {
@@ -31,7 +31,7 @@ def _graph(values):
         model=values["model"],
         start=is_true(values["start"]),
     )
-    return NODES, sim_parameters(scene_for(values["object"]), options)
+    return sim_graph(scene_for(values["object"]), options)
 
 
 def generate_launch_description():

@@ -47,9 +47,9 @@ class Configuration:
 
 
 class Node:
-    def __init__(self, *, package, executable, name, output, parameters):
+    def __init__(self, *, package, executable, name, namespace, output, parameters, remappings):
         self.package, self.executable, self.name = package, executable, name
-        self.parameters = parameters
+        self.parameters, self.namespace, self.remappings = parameters, namespace, remappings
 
 
 @pytest.fixture
@@ -159,6 +159,8 @@ def test_replay(launch, tmp_path):
         launch("replay.launch.py", bag=bag, rate="0")
 
 
-def test_all_launch_files_are_installed():
+def test_all_launch_and_parameter_files_are_installed():
     text = (FOLDER.parent / "setup.py").read_text()
     assert all(f"launch/{file.name}" in text for file in FOLDER.glob("*.launch.py"))
+    config = FOLDER.parent / "config"
+    assert all(f"config/{file.name}" in text for file in config.glob("*.yaml"))

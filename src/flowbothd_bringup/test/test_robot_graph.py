@@ -8,15 +8,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from flowbothd_bringup.node_graph import config_file
 from flowbothd_bringup.robot_graph import (
     NODES,
     RealOptions,
     given_parameters,
     missing_parameters,
     real_parameters,
-    real_processes,
+    robot_graph,
 )
-from flowbothd_bringup.sim_graph import config_file
 from flowbothd_common.errors import ParameterError
 from flowbothd_common.parameter_files import write_parameters
 from flowbothd_common.parameters import build, specifications
@@ -80,9 +80,9 @@ def test_unknown_nodes_and_files_are_refused(lab: RealOptions, tmp_path: Path) -
         real_parameters(replace(lab, files=(tmp_path / "none.yaml",)))
 
 
-def test_every_node_has_a_process_of_its_own(tmp_path: Path) -> None:
+def test_every_node_has_a_process_of_its_own(lab: RealOptions, tmp_path: Path) -> None:
     """The trap: read_once holds Python's lock; the pump must not share the arm's process."""
-    processes = real_processes(tmp_path / "p.yaml")
+    processes = robot_graph(lab).processes(tmp_path / "p.yaml")
     assert [process.name for process in processes] == list(NODES)
     assert len({process.command[2] for process in processes}) == len(NODES)
 

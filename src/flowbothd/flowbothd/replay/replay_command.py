@@ -8,10 +8,9 @@ import sys
 import tempfile
 from pathlib import Path
 
-from flowbothd_bringup.processes import NodeProcess, run_graph
+from flowbothd_bringup.processes import run_graph
 from flowbothd_bringup.replay_graph import PLAYER, playing_graph
 from flowbothd_common.environment import node_environment, own_domain
-from flowbothd_common.parameter_files import write_parameters
 from flowbothd_rosbag.metadata import BagError
 from flowbothd_rosbag.reader import Bag, Span
 
@@ -93,7 +92,7 @@ def _recompute(arguments: argparse.Namespace) -> int:
 
 
 def _play(arguments: argparse.Namespace) -> int:
-    nodes, parameters = playing_graph(
+    graph = playing_graph(
         arguments.bag,
         rate=arguments.rate,
         begin=arguments.begin,
@@ -109,14 +108,5 @@ def _play(arguments: argparse.Namespace) -> int:
     sys.stdout.flush()
     with tempfile.TemporaryDirectory(prefix="flowbothd-") as folder:
         file = Path(folder) / "parameters.yaml"
-        write_parameters(file, parameters)
-        processes = [
-            NodeProcess(
-                name,
-                (sys.executable, "-m", module, "--ros-args", "--params-file", str(file)),
-                required=name == PLAYER,
-            )
-            for name, module in nodes.items()
-        ]
-        code = run_graph(processes, node_environment(domain))
+        code = run_graph(graph.processes(file, required=(PLAYER,)), node_environment(domain))
     return 0 if code == 130 else code
