@@ -16,8 +16,8 @@ from typing import Any
 from flowbothd_bringup import robot_graph, sim_graph
 
 ROOT = Path(__file__).resolve().parent.parent
-INTERFACES = ROOT / "docs" / "interfaces.md"
-RECORDING = ROOT / "docs" / "recording.md"
+INTERFACES = ROOT / "docs" / "reference" / "interfaces.md"
+RECORDING = ROOT / "docs" / "reference" / "recording.md"
 README = ROOT / "README.md"
 
 NODES = tuple({**sim_graph.NODES, **robot_graph.NODES}.values())
@@ -163,7 +163,7 @@ def parameter_rows(node: Any) -> list[list[str]]:
 
 
 def render() -> tuple[str, str]:
-    """(tables of docs/interfaces.md, node table of README.md)."""
+    """(tables of docs/reference/interfaces.md, node table of README.md)."""
     detailed: list[str] = []
     summary: list[list[str]] = []
     for node in nodes():
@@ -224,7 +224,7 @@ def dataclass_table(params: type) -> str:
 
 
 def recording_tables() -> str:
-    """Content of docs/recording.md with the tables of recorder and player."""
+    """Content of docs/reference/recording.md with the tables of recorder and player."""
     from flowbothd_rosbag.player_params import PlayerParams
     from flowbothd_rosbag.recorder_params import RecorderParams
 

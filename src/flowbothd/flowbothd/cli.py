@@ -88,7 +88,7 @@ COMMANDS = (
     Command(
         "up real",
         "flowbothd.up_real",
-        "start all nodes on a robot and leave them running; docs/real_robot.md",
+        "start all nodes on a robot and leave them running; docs/tutorials/own_robot.md",
         (
             "flowbothd up real --robot 172.16.0.2 --params lab.yaml --dry-run",
             "flowbothd up real --backend recording --params lab.yaml",

@@ -60,7 +60,7 @@ def real_parameters(options: RealOptions) -> Parameters:
         raise ParameterError(
             "parameters that nobody can guess are missing",
             got=", ".join(missing),
-            hint="write them into a file and give it with --params; docs/real_robot.md has one",
+            hint="write them into a file and give it with --params; docs/tutorials/own_robot.md has one",
         )
     result["motion_node"].setdefault(
         "camera_position", result["perception_node"]["camera.position"]

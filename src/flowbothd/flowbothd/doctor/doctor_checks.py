@@ -95,7 +95,7 @@ def judge_calibration(parameters: Parameters, missing: Sequence[str]) -> Check:
             "parameters of the lab",
             Light.RED,
             f"missing: {', '.join(missing)}",
-            "write them into a file and give it with --params (docs/real_robot.md)",
+            "write them into a file and give it with --params (docs/tutorials/own_robot.md)",
         )
     quaternion = np.array(parameters["perception_node"]["camera.quaternion"], dtype=float)
     length = float(np.linalg.norm(quaternion))
