@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -38,33 +38,16 @@ from franka_suction_driver.hidden import hidden_points
 from franka_suction_driver.kinematics import Kinematics
 from franka_suction_driver.limits import robot_limits
 from franka_suction_driver.motion_factory import MotionFactory, Prepared
-from franka_suction_driver.motion_step import Ending, RunningMotion, Step
+from franka_suction_driver.motion_step import Ending, MotionUpdate, RunningMotion, Step
 from franka_suction_driver.params import MotionParams
 from franka_suction_driver.planner import PlannedMotion, Planner
 from franka_suction_driver.recorder import Recorder
+from franka_suction_driver.stopping import joint_stop
 from franka_suction_driver.tool_follower import SlowZones, ToolFollower
-from franka_suction_driver.trajectory import JointState
 
 _log = logging.getLogger(__name__)
 _AT_REST = 0.05
 _SAME_PLACE = 0.02
-
-
-@dataclass(frozen=True)
-class MotionUpdate:
-    """What a tick came to.
-
-    Attributes:
-        trajectory: To be sent to the arm now, replacing the running one; or None.
-        fraction: Progress of the running motion, 0..1.
-        result: Set once, when the motion is over.
-        shown: What would have been sent, were this not a dry run.
-    """
-
-    trajectory: JointTrajectory | None = None
-    fraction: float = 0.0
-    result: MotionResult | None = None
-    shown: JointTrajectory | None = None
 
 
 def _twin(robot: Kinematics) -> Kinematics:
@@ -125,6 +108,7 @@ class MotionExecutor:
         self._running: RunningMotion | None = None
         self._recorder: Recorder | None = None
         self._goal: MotionGoal | None = None
+        self._observed: RobotObservation | None = None
         self._held = HeldPart()
         self._eye: Array | None = None
         self._stop_request: Ending | None = None
@@ -182,6 +166,7 @@ class MotionExecutor:
             )
         checked = checked_goal(goal)
         self._envelope.check_goal(checked)
+        self._envelope.check_observation(observation)
         rng = np.random.default_rng([self._seed, self._motions])
         start = np.array(observation.positions, dtype=float)
         planned = None
@@ -212,6 +197,8 @@ class MotionExecutor:
         """
         if self.busy:
             raise MotionRejectedError("cannot begin: another motion is running")
+        self._envelope.check_observation(observation)
+        self._observed = observation
         self._envelope.check_goal(prepared.goal)
         self._audit.write("goal", observation.time, goal_entry(prepared.goal))
         self._motions += 1
@@ -224,7 +211,7 @@ class MotionExecutor:
         known = self._settle_commanded(observation)
         speed = float(np.abs(observation.velocities).max())
         # An arm that trembles where it was told to stand may go on; one that travels may not.
-        if speed > _AT_REST and not known:
+        if not speed <= _AT_REST and not known:
             message = f"the arm still moves ({speed:.2f} rad/s); wait until it rests"
             self._stop_request = Ending(MotionReason.REJECTED, message)
             return
@@ -251,6 +238,7 @@ class MotionExecutor:
         recorder = self._recorder
         if recorder is None:
             return MotionUpdate()
+        observation = self._usable(observation)
         now = observation.time
         commanded = self._commander.state(now)
         recorder.see(observation, commanded)
@@ -272,6 +260,19 @@ class MotionExecutor:
                 self._last_request = Ending(MotionReason.UNREACHABLE, outside)
                 step = self._running.stop(now, commanded, self._last_request)
         return self._send(recorder, step, self._running.fraction, observation)
+
+    def _usable(self, observation: RobotObservation) -> RobotObservation:
+        """Return the observation, or the last good one, and stop, if values are not finite."""
+        problem = observation.problem()
+        if not problem:
+            self._observed = observation
+            return observation
+        if self._last_request is None:
+            message = f"stopped: {problem}"
+            self._stop_request = Ending(MotionReason.STALE_INPUT, message)
+            self._last_request = self._stop_request
+        last = self._observed or observation
+        return replace(last, time=observation.time, wrench=None)
 
     def _send(
         self, recorder: Recorder, step: Step, fraction: float, observation: RobotObservation
@@ -323,9 +324,28 @@ class MotionExecutor:
             raise RuntimeError("finishing a motion gave no result")
         return update.result
 
-    def commanded(self, now: float) -> JointState:
-        """Joint state that the arm has been commanded to have at `now`."""
-        return self._commander.state(now)
+    def drop(self, now: float, why: str) -> JointTrajectory | None:
+        """Forget the running motion and brake all joints within their limits.
+
+        For a motion that has failed unexpectedly: nothing of its own is called.
+
+        Args:
+            now: Node clock [s].
+            why: For the audit log.
+
+        Returns:
+            The stop, to be sent now; None if nothing moves.
+        """
+        self._recorder = self._running = self._stop_request = None
+        if not self._commanded_once:
+            return None
+        commanded = self._commander.state(now)
+        if not commanded.velocity.any():
+            return None
+        stop = joint_stop(self.robot.joint_names, commanded, self.limits)
+        self._audit.write("drop", now, {"why": why, **trajectory_entry(stop)})
+        self._commander.issue(stop, now)
+        return stop
 
     def _finish(
         self,

@@ -101,7 +101,7 @@ class JointLimits:
         worst_ratio = 1.0 + tolerance
         for name, values, limit, unit in checks:
             ratio = np.abs(values) / limit
-            if ratio.size and ratio.max() > worst_ratio:
+            if ratio.size and not ratio.max() <= worst_ratio:
                 worst_ratio = float(ratio.max())
                 k, j = np.unravel_index(int(ratio.argmax()), ratio.shape)
                 amount = abs(float(values[k, j]))

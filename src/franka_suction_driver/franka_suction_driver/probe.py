@@ -67,13 +67,13 @@ class Probe:
         if seen.vacuum:
             return self._halt(clock, commanded, Ending(MotionReason.VACUUM, "", True))
         size = float(np.linalg.norm(force))
-        if size > self._params.force_limit:
+        if not size <= self._params.force_limit:
             message = f"{size:.0f} N while probing (limit {self._params.force_limit:.0f} N)"
             return self._halt(clock, commanded, Ending(MotionReason.FORCE_LIMIT, message, True))
         if self._since_contact is not None:
             return self._wait_for_vacuum(clock, resting)
         against = -float(force @ self._reference.line.direction)
-        if against > self._params.contact_force:
+        if not against <= self._params.contact_force:
             self._since_contact = clock
             return self._braking(clock, commanded)
         return self._advance(clock, commanded) if resting else Step()
