@@ -52,7 +52,6 @@ class RobotInputs:
         self._wrench_frame = params.wrench.frame or params.robot.base_frame
         self._sign = float(params.wrench.sign)
         self._limits = (limits.lower, limits.upper, limits.velocity)
-        self._guard = guard
         self._clock = NodeClock(node, params.clock_timeout)
         self._stamps = received.StampCheck(params.stamp_tolerance)
         self._silence = Silence(params.input_timeout)
@@ -68,8 +67,7 @@ class RobotInputs:
         self.cloud: Cloud | None = None
 
         def listen(kind: type, topic: str, take: Callable[[Any], None], quality: Any) -> None:
-            callback = guard.message(topic, partial(self._take, topic, take))
-            node.create_subscription(kind, topic, callback, quality)
+            guard.subscribe(kind, topic, partial(self._take, topic, take), quality)
 
         listen(JointState, JOINT_STATES, self._on_joints, qos.STATE)
         # Franka's drivers publish wrenches best effort: a reliable reader would get nothing.
@@ -131,7 +129,8 @@ class RobotInputs:
             raise
 
     def _on_joints(self, message: JointState) -> None:
-        values = received.joint_state(message, self._names, self._limits)
+        first = self._positions is None
+        values = received.joint_state(message, self._names, self._limits, expected=first)
         if values is None:
             return
         self._stamps.check(JOINT_STATES, message.header.stamp, self._clock.now())

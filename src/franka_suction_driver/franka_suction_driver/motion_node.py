@@ -6,12 +6,11 @@ import sys
 from functools import partial
 from typing import Any
 
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from std_msgs.msg import String
 
 from flowbothd_common.ros import qos
-from flowbothd_common.ros.diagnostics import ERROR, OK, WARN, NodeStatus
+from flowbothd_common.ros.diagnostics import ERROR, OK, NodeStatus
 from flowbothd_common.ros.guard import Guard
 from flowbothd_common.ros.liveness import MotionHeartbeat
 from flowbothd_common.ros.node_main import run_node
@@ -51,11 +50,8 @@ class MotionNode(Node):
             self._safety.show,
         )
         self._heartbeat = MotionHeartbeat(self)
-        self._status = NodeStatus(self)
-        # Runs on when simulated time stands still, to notice that it does.
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        timer = self._guard.timer("control timer", self._on_timer)
-        self.create_timer(1.0 / self._params.rate, timer, clock=steady)
+        self._status = NodeStatus(self, self._guard)
+        self._guard.every(1.0 / self._params.rate, self._on_timer)
 
     def destroy_node(self) -> None:
         """Stop the heartbeats first, so that the arm's driver holds the arm."""
@@ -79,13 +75,9 @@ class MotionNode(Node):
     def _on_timer(self) -> None:
         stale = self._inputs.stale(guarded=False)
         latched = self._core.latched and f"stopped until motion/release: {self._core.latched}"
-        troubles = "; ".join(self._guard.troubles())
-        figures = {"moving": self._runner.busy, **self._guard.figures()}
-        if stale or latched:
-            self._status.report(ERROR, stale or latched, figures)
-        else:
-            level = WARN if troubles else OK
-            self._status.report(level, troubles or "ready to move", figures)
+        trouble = stale or latched
+        level = ERROR if trouble else OK
+        self._status.report(level, trouble or "ready to move", {"moving": self._runner.busy})
         self._runner.tick()
 
     def _on_failure(self, why: str) -> None:

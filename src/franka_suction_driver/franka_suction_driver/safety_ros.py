@@ -44,11 +44,9 @@ class SafetyServices:
     ) -> None:
         self._node, self._core, self._stop = node, core, stop
         self._planned = node.create_publisher(JointTrajectoryMessage, "motion/planned", qos.LATCHED)
-        node.create_service(Trigger, "motion/stop", guard.service("motion/stop", self._on_stop))
-        node.create_service(Trigger, "motion/halt", guard.service("motion/halt", self._on_halt))
-        node.create_service(
-            Trigger, "motion/release", guard.service("motion/release", self._on_release)
-        )
+        guard.serve(Trigger, "motion/stop", self._on_stop)
+        guard.serve(Trigger, "motion/halt", self._on_halt)
+        guard.serve(Trigger, "motion/release", self._on_release)
 
     def show(self, trajectory: JointTrajectory) -> None:
         """Publish what a dry run would have sent."""

@@ -9,7 +9,10 @@ from collections.abc import Callable
 from functools import partial
 from typing import Any
 
+from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.timer import Timer
 
 from flowbothd_common.errors import FlowBotError
 
@@ -44,25 +47,35 @@ class Guard:
         self._counts: dict[str, int] = {}
         self._logged: set[tuple[str, str]] = set()
 
-    def message(self, name: str, callback: Callable[[Any], None]) -> Callable[[Any], None]:
-        """Return the callback of a subscription, guarded.
+    def subscribe(
+        self,
+        kind: type,
+        topic: str,
+        callback: Callable[[Any], None],
+        quality: QoSProfile,
+        *,
+        raw: bool = False,
+    ) -> None:
+        """Subscribe; the callback raises FlowBotError for a message that it refuses."""
+        take = partial(self.take, topic, callback)
+        self._node.create_subscription(kind, topic, take, quality, raw=raw)
 
-        Args:
-            name: Topic, for people.
-            callback: Raises FlowBotError for a message that it refuses.
-        """
-        return partial(self._take, name, callback)
-
-    def timer(self, name: str, callback: Callable[[], None]) -> Callable[[], None]:
-        """Return the callback of a timer, guarded; every exception is a failure."""
-        return partial(self.run, name, callback)
-
-    def service(self, name: str, callback: Callable[[Any, Any], Any]) -> Callable[[Any, Any], Any]:
-        """Return the callback of a service, guarded.
+    def serve(self, kind: type, name: str, callback: Callable[[Any, Any], Any]) -> Any:
+        """Offer a service and return it.
 
         After an exception the response says that it failed, in `success` or `ok`, and why.
         """
-        return partial(self._serve, name, callback)
+        answer = partial(self._answer, name, callback)
+        return self._node.create_service(kind, name, answer)
+
+    def every(self, period: float, callback: Callable[[], None]) -> Timer:
+        """Call back every `period` [s] of the steady clock; every exception is a failure.
+
+        The steady clock runs on when the simulation, and with it the node clock, has stopped.
+        """
+        guarded = partial(self.run, "timer", callback)
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        return self._node.create_timer(period, guarded, clock=steady)
 
     def run(self, name: str, action: Callable[..., None], *args: Any) -> None:
         """Call `action(*args)`; an exception is a failure of `name`."""
@@ -110,7 +123,8 @@ class Guard:
         with self._lock:
             return {f"refused {name}": count for name, count in self._counts.items()}
 
-    def _take(self, name: str, callback: Callable[[Any], None], message: Any) -> None:
+    def take(self, name: str, callback: Callable[[Any], None], message: Any) -> None:
+        """Call `callback(message)`; a FlowBotError is a refusal, anything else a failure."""
         try:
             callback(message)
         except self._refusals as error:
@@ -118,7 +132,7 @@ class Guard:
         except Exception as error:
             self.fail(name, error)
 
-    def _serve(
+    def _answer(
         self, name: str, callback: Callable[[Any, Any], Any], request: Any, response: Any
     ) -> Any:
         try:

@@ -121,6 +121,10 @@ class Silence:
         count, reason = self._refused.get(name, (0, ""))
         return f"{text}: {count} refused, {reason}" if count else text
 
+    def ever(self, name: str) -> bool:
+        """Return whether `name` was heard at all."""
+        return name in self._last
+
     def age(self, name: str, now: float | None = None) -> float:
         """Seconds since `name` was heard; infinite if never."""
         current = time.monotonic() if now is None else now

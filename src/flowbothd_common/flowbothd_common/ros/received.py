@@ -15,14 +15,18 @@ from sensor_msgs.msg import JointState, PointCloud2
 from trajectory_msgs.msg import JointTrajectory as JointTrajectoryMessage
 
 from flowbothd_common.errors import InvalidMessageError
-from flowbothd_common.motion import JointTrajectory, joint_order
+from flowbothd_common.motion import JointTrajectory, MotionResult, joint_order
 from flowbothd_common.ros import clouds
-from flowbothd_common.ros.conversions import from_wrench, to_seconds
+from flowbothd_common.ros.conversions import from_result, from_wrench, to_seconds
 from flowbothd_common.types import Array, Cloud, as_cloud
 from flowbothd_common.values import finite
+from flowbothd_interfaces.msg import MotionResult as MotionResultMessage
 
 _BEYOND_POSITION = 0.5
 """Distance beyond a joint's range that no calibration offset explains [rad]."""
+_AHEAD = 1.0
+"""Difference of two synchronised clocks and a long way, at most [s]."""
+_CLOCKS = "synchronise the computers' clocks, and set use_sim_time alike everywhere"
 _BEYOND_VELOCITY = 10.0
 """Multiple of a joint's velocity limit that no measurement noise explains."""
 
@@ -41,6 +45,8 @@ def joint_state(
     message: JointState,
     names: Sequence[str],
     limits: tuple[Array, Array, Array] | None = None,
+    *,
+    expected: bool = False,
 ) -> tuple[Array, Array] | None:
     """Return positions [rad] and velocities [rad/s], (J,) each, in the order of `names`.
 
@@ -50,6 +56,8 @@ def joint_state(
         message: Of any joints, in any order.
         names: J joints wanted.
         limits: Lower and upper position and largest velocity, (J,) each; None = not checked.
+        expected: No message with a wanted joint has come yet, so that one of other joints alone is
+            an error, too.
 
     Returns:
         None for a message about other joints alone, such as a gripper's on the same topic.
@@ -58,10 +66,8 @@ def joint_state(
         InvalidMessageError: a wanted joint is missing, fewer values than names, values that are
             not finite, or far outside the limits.
     """
-    if not set(names) & set(message.name):
-        if message.name:
-            return None
-        raise InvalidMessageError("joint state without joint names", allowed=", ".join(names))
+    if message.name and not expected and not set(names) & set(message.name):
+        return None
     try:
         order = joint_order(names, message.name)
     except KeyError as error:
@@ -163,6 +169,36 @@ def trajectory(message: JointTrajectoryMessage, names: Sequence[str]) -> JointTr
     )
 
 
+def motion_result(message: MotionResultMessage) -> MotionResult:
+    """Return the outcome of a motion.
+
+    Raises:
+        InvalidMessageError: an unknown motion or reason, or numbers that are not finite.
+    """
+    try:
+        result = from_result(message)
+    except ValueError as error:
+        raise InvalidMessageError(f"motion result cannot be read: {error}") from error
+    finite("numbers of the motion result", [result.reached_fraction, result.duration])
+    finite("poses of the tool", np.concatenate([result.tool_start, result.tool_end]).ravel())
+    finite("peak force and torque", result.peak_wrench, 6)
+    return result
+
+
+def not_ahead(stamp: float, now: float) -> None:
+    """Refuse a stamp of another clock: one in the future hides every message after it.
+
+    Args:
+        stamp: Of the message [s].
+        now: Node clock [s].
+
+    Raises:
+        InvalidMessageError: it lies more than a second ahead.
+    """
+    if not stamp - now <= _AHEAD:
+        raise InvalidMessageError(f"stamped {stamp - now:.1f} s in the future", hint=_CLOCKS)
+
+
 class StampCheck:
     """Refuses messages stamped far from the node's clock, or before one that was accepted.
 
@@ -195,7 +231,7 @@ class StampCheck:
             raise InvalidMessageError(
                 f"{name} is stamped {abs(off):.1f} s in the {'future' if off > 0 else 'past'}",
                 allowed=f"within {self._tolerance:g} s of this node's clock",
-                hint="synchronise the computers' clocks, and set use_sim_time alike everywhere",
+                hint=_CLOCKS,
             )
         last = self._last.get(name)
         # After the clock itself has jumped back, the order begins again.
