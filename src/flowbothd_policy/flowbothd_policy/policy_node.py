@@ -59,8 +59,7 @@ class PolicyNode(Node):
         self._wait: tuple[str, float] | None = None
         self._waiting_since = time.monotonic()
         self._lost: tuple[str, ...] = ()
-        self._suction = SuctionPhase.OFF
-        self._outcome, self._started = "", False
+        self._suction, self._outcome, self._started = SuctionPhase.OFF, "", False
         guard = Guard(self, self._on_failure)
         self._status = diagnostics.NodeStatus(self, guard)
         self._peers = PeerWatch(self, self._params.peers, self._params.peer_timeout)
@@ -85,12 +84,10 @@ class PolicyNode(Node):
         """Stop the arm and end the run, with the pump off, after an unexpected exception."""
         self._actuators.stop()
         self._queue.clear()
-        if self._state.phase in _AT_REST:
-            return
         try:
             self._feed(OperatorStop(f"internal error: {why}", opened=False))
         except Exception:
-            self._state = PolicyState()
+            self._state, self._wait = PolicyState(), None
             self._outcome = f"{Outcome.ABORTED.value}: internal error: {why}"
             self._actuators.set_suction(0.0)
             raise

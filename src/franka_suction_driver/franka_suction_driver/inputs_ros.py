@@ -37,13 +37,19 @@ class RobotInputs:
         params: Names, frames, timeouts and the wrench's sign.
         limits: Positions and velocities far outside them are no measurement.
         guard: Takes refused messages to diagnostics.
+        refused: Called after every refused message, so that the arm need not wait for a timer.
 
     Raises:
         ParameterError: `wrench.sign` is neither 1 nor -1.
     """
 
     def __init__(
-        self, node: Node, params: MotionNodeParams, limits: JointLimits, guard: Guard
+        self,
+        node: Node,
+        params: MotionNodeParams,
+        limits: JointLimits,
+        guard: Guard,
+        refused: Callable[[], None],
     ) -> None:
         if params.wrench.sign not in (1, -1):
             raise ParameterError("wrench.sign", got=params.wrench.sign, allowed="1 or -1")
@@ -51,6 +57,7 @@ class RobotInputs:
         self._base_frame = params.robot.base_frame
         self._wrench_frame = params.wrench.frame or params.robot.base_frame
         self._sign = float(params.wrench.sign)
+        self._refused = refused
         self._limits = (limits.lower, limits.upper, limits.velocity)
         self._clock = NodeClock(node, params.clock_timeout)
         self._stamps = received.StampCheck(params.stamp_tolerance)
@@ -126,6 +133,7 @@ class RobotInputs:
         except FlowBotError as error:
             for silence in (self._silence, self._free_silence, self._suction_silence):
                 silence.refused(topic, str(error))
+            self._refused()
             raise
 
     def _on_joints(self, message: JointState) -> None:

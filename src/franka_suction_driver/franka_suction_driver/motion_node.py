@@ -35,7 +35,9 @@ class MotionNode(Node):
         self._audit = open_audit(self._params.safety)
         self._core = MotionExecutor(kinematics, self._params, audit=self._audit)
         self._guard = Guard(self, self._on_failure)
-        self._inputs = RobotInputs(self, self._params, self._core.limits, self._guard)
+        self._inputs = RobotInputs(
+            self, self._params, self._core.limits, self._guard, self._on_refused
+        )
         self._description = self.create_publisher(String, "robot_description", qos.LATCHED)
         self._description.publish(String(data=kinematics.urdf))
         accept = partial(self._guard.run, "motion goal", self._on_goal)
@@ -71,6 +73,9 @@ class MotionNode(Node):
 
     def _on_stop(self, message: str) -> bool:
         return self._runner.stop(message)
+
+    def _on_refused(self) -> None:
+        self._guard.run("motion", self._runner.tick)
 
     def _on_timer(self) -> None:
         stale = self._inputs.stale(guarded=False)

@@ -19,11 +19,13 @@ from flowbothd_common.motion import JointTrajectory, MotionResult, joint_order
 from flowbothd_common.ros import clouds
 from flowbothd_common.ros.conversions import from_result, from_wrench, to_seconds
 from flowbothd_common.types import Array, Cloud, as_cloud
-from flowbothd_common.values import finite
+from flowbothd_common.values import bounded, finite
 from flowbothd_interfaces.msg import MotionResult as MotionResultMessage
 
 _BEYOND_POSITION = 0.5
 """Distance beyond a joint's range that no calibration offset explains [rad]."""
+_LARGEST_WRENCH = 1.0e4
+"""Component of a wrench that no sensor on a tool's scale measures [N, Nm]."""
 _AHEAD = 1.0
 """Difference of two synchronised clocks and a long way, at most [s]."""
 _CLOCKS = "synchronise the computers' clocks, and set use_sim_time alike everywhere"
@@ -108,10 +110,12 @@ def wrench(message: WrenchStamped, wanted_frame: str) -> Array:
     """Return the (6,) force [N] and torque [Nm] of a message in `wanted_frame`.
 
     Raises:
-        InvalidMessageError: another frame, or values that are not finite.
+        InvalidMessageError: another frame, or values that are not finite or beyond any sensor.
     """
     frame("wrench", message.header.frame_id, wanted_frame)
-    return finite("force and torque", from_wrench(message.wrench), 6)
+    values = finite("force and torque", from_wrench(message.wrench), 6)
+    bounded("largest force or torque", float(np.abs(values).max()), 0.0, _LARGEST_WRENCH)
+    return values
 
 
 def object_cloud(message: PointCloud2, base_frame: str) -> Cloud:
