@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import queue
 import threading
 import time
@@ -14,7 +15,7 @@ from typing import Any
 from flowbothd_common.errors import SuctionError
 from flowbothd_common.types import SuctionReading
 from franka_suction_driver.backend_params import PumpNodeParams
-from franka_suction_driver.backends.library import connection_problem, load_panda_py
+from franka_suction_driver.backends.library import RAISED, connection_problem, load_panda_py
 from franka_suction_driver.backends.protocol import BackendError
 
 _log = logging.getLogger(__name__)
@@ -24,12 +25,12 @@ _LARGEST_SETPOINT = 255
 
 
 def setpoint(vacuum: float, part_present_vacuum: float) -> int:
-    """The gripper's set-point, in 10 mbar, for a vacuum in pascal.
+    """Return the gripper's set-point, in 10 mbar, for a vacuum in pascal.
 
     Raises:
         SuctionError: the pump has no such set-point, or would never report a part at it.
     """
-    value = round(vacuum / _PASCAL_PER_SETPOINT)
+    value = round(vacuum / _PASCAL_PER_SETPOINT) if math.isfinite(vacuum) else 0
     if not 1 <= value <= _LARGEST_SETPOINT:
         raise SuctionError(
             "vacuum set-point of the Cobot Pump",
@@ -88,7 +89,7 @@ class CobotPump:
             raise BackendError("no robot address", hint="set robot_ip, or `up real --robot`")
         try:
             self._gripper = self._library.libfranka.VacuumGripper(address)
-        except RuntimeError as error:
+        except RAISED as error:
             problem = connection_problem(self._library, address, error)
             hint = f"{problem.hint}; Desk, Settings, End-Effector must say Cobot Pump"
             raise BackendError(problem.what, hint=hint) from error
@@ -98,7 +99,9 @@ class CobotPump:
 
     def command(self, vacuum: float) -> None:
         """Hold `vacuum` [Pa] or, with 0, release; repeating a command only shows a live sender."""
-        value = setpoint(vacuum, self._params.part_present_vacuum) if vacuum > 0 else 0
+        # A vacuum that is not a number is refused, not taken for a release.
+        released = -math.inf < vacuum <= 0
+        value = 0 if released else setpoint(vacuum, self._params.part_present_vacuum)
         self._heard, self._silent = self._clock(), False
         if value != self._setpoint:
             self._setpoint = value
@@ -147,7 +150,7 @@ class CobotPump:
                 timedelta(seconds=params.vacuum_timeout),
                 getattr(profiles, f"kP{params.profile}"),
             )
-        except RuntimeError as error:
+        except RAISED as error:
             self._trouble = f"the pump does not build up vacuum: {error}"
             return
         self._trouble = ""
@@ -159,32 +162,41 @@ class CobotPump:
         try:
             gripper.drop_off(timedelta(seconds=self._params.drop_off_timeout))
             left = gripper.read_once()
-            level = _PASCAL_PER_MBAR * left.vacuum
-            if left.part_present or level > self._params.released_vacuum:
-                self._trouble = f"the part is not released: {level:.0f} Pa are left at the cup"
-            else:
+            level = _PASCAL_PER_MBAR * float(left.vacuum)
+            # Written so that a level that is not finite counts as not released.
+            if not left.part_present and level <= self._params.released_vacuum:
                 self._trouble = ""
-        except RuntimeError as error:
+            else:
+                self._trouble = f"the part is not released: {level:.0f} Pa are left at the cup"
+        except RAISED as error:
             self._trouble = f"the pump does not release: {error}"
             _log.error("%s", self._trouble)
         finally:
             try:
                 gripper.stop()
-            except RuntimeError as error:
+            except RAISED as error:
                 _log.error("the pump does not stop: %s", error)
 
     def _poll(self) -> None:
         while not self._closing.wait(1.0 / self._params.poll_rate):
             try:
-                state = self._gripper.read_once()
-            except RuntimeError as error:
+                self._reading = self._read(self._gripper)
+            except RAISED as error:
                 self._reading = SuctionReading(fault=f"the pump does not answer: {error}")
-                continue
-            red = str(state.device_status).endswith("kRed")
-            self._reading = SuctionReading(
-                _PASCAL_PER_MBAR * state.vacuum,
-                bool(state.part_present),
-                bool(state.part_detached),
-                "the pump reports a device error (red): see its display" if red else self._trouble,
-                bool(state.in_control_range),
+
+    def _read(self, gripper: Any) -> SuctionReading:
+        state = gripper.read_once()
+        pressure = _PASCAL_PER_MBAR * float(state.vacuum)
+        if not math.isfinite(pressure):
+            return SuctionReading(
+                fault=f"the pump reports a vacuum of {state.vacuum} mbar, which is no measurement: "
+                "restart the pump"
             )
+        red = str(state.device_status).endswith("kRed")
+        return SuctionReading(
+            pressure,
+            bool(state.part_present),
+            bool(state.part_detached),
+            "the pump reports a device error (red): see its display" if red else self._trouble,
+            bool(state.in_control_range),
+        )
