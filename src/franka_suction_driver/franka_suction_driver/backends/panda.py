@@ -90,7 +90,7 @@ class PandaArm:
         self._closing = threading.Event()
         self._fault = ""
         self._state: ArmState | None = None
-        self._robot_time = self._given_time = -1.0
+        self._robot_time = self._given_time = self._guarded_time = -1.0
         self._advanced = 0.0
 
     def connect(self) -> None:
@@ -120,7 +120,7 @@ class PandaArm:
                 return None
             fresh = self._link is not None and self._robot_time != self._given_time
             self._given_time = self._robot_time
-            return replace(self._state, fresh=fresh, fault=self._fault or self._silence())
+            return replace(self._state, fresh=fresh, fault=self._fault)
 
     def follow(self, trajectory: JointTrajectory) -> str:
         """Take over a trajectory from the state that is commanded now."""
@@ -295,19 +295,31 @@ class PandaArm:
     def _fail(self, error: BackendError) -> None:
         """Make an error the fault; a dead connection is given up, a moving arm brakes."""
         lost = isinstance(error, LibraryError) and error.lost
-        if lost or not self._fault:
+        # Braking begins once: a brake that is begun at every turn never ends.
+        begins = not self._fault
+        if lost or begins:
             self._fault = str(error)
-        if not lost:
-            self.hold()
-        elif self._link is not None:
+        if lost and self._link is not None:
             link, self._link = self._link, None
             link.discard()
+        elif begins:
+            self.hold()
 
     def _guard(self, target: Array) -> None:
-        """Brake and latch on too much force, or on an arm that does not follow."""
+        """Brake and latch on silence, on too much force, and on an arm that does not follow.
+
+        The last two are judged on new measurements only: an old one lags behind any target.
+        """
         state = self._state
         if state is None or self._fault:
             return
+        silence = self._silence()
+        if silence:
+            self._fail(BackendError(silence))
+            _log.error("the arm brakes: %s", self._fault)
+        if self._robot_time == self._guarded_time:
+            return
+        self._guarded_time = self._robot_time
         force = 0.0 if state.wrench is None else float(np.linalg.norm(state.wrench[:3]))
         lag = float(np.abs(state.positions - target).max())
         # Written so that a value that is not finite is beyond its limit.
@@ -351,4 +363,7 @@ class PandaArm:
         silent = self._clock() - self._advanced
         if self._link is None or silent <= _SILENT:
             return ""
-        return f"no new state from the robot for {silent:.1f} s: is its cable plugged in?"
+        return (
+            f"no new state from the robot for {silent:.1f} s: is its cable plugged in? Then call "
+            "arm/recover"
+        )

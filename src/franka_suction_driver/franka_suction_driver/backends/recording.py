@@ -49,7 +49,8 @@ class RecordingRobot:
         reports: Fields of the state that are reported instead of the true ones.
         recovers: The automatic recovery succeeds; otherwise it asks for a manual one.
         refusal: Raised to whoever connects.
-        pull_at: Name of a call at which the cable is pulled.
+        on_call: Name of a call -> what happens, once, when it is made next.
+        stopped_at: Speed at which the controller was stopped last [rad/s].
         crash: What would have ended the process without a Python exception; empty if nothing.
         clock: Steady time [s]; the library's.
         pump: State of the pump.
@@ -76,7 +77,8 @@ class RecordingRobot:
         self.session = 0
         self.unplugged_at = 0.0
         self.told_of_loss = False
-        self.pull_at = ""
+        self.on_call: dict[str, Callable[[], None]] = {}
+        self.stopped_at = 0.0
         self.crash = ""
 
     def note(self, name: str, *arguments: Any) -> None:
@@ -88,10 +90,10 @@ class RecordingRobot:
         return [name for name, _ in self.calls]
 
     def arrive(self, name: str) -> None:
-        """Let a call begin; the cable may be pulled at this very moment."""
-        if name == self.pull_at:
-            self.pull_at = ""
-            self.unplug()
+        """Let a call begin; something may happen to the robot at this very moment."""
+        happens = self.on_call.pop(name, None)
+        if happens is not None:
+            happens()
 
     def reflex(self, error: str) -> None:
         """Stop by a reflex; the control thread keeps the exception until it is asked."""

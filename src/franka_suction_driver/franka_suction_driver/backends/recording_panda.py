@@ -173,7 +173,8 @@ class Panda:
         self._stopped_before = True
         ours, self._controller.running = robot.controller is self._controller, False
         if ours and self._alive():
-            robot.controller = None
+            robot.stopped_at = float(np.abs(robot.dq).max())
+            robot.controller, robot.dq = None, np.zeros(7)
             if robot.mode is RobotMode.kMove:
                 robot.mode = RobotMode.kIdle
 
