@@ -15,13 +15,20 @@ from typing import Any
 from flowbothd_common.errors import SuctionError
 from flowbothd_common.types import SuctionReading
 from franka_suction_driver.backend_params import PumpNodeParams
-from franka_suction_driver.backends.library import RAISED, connection_problem, load_panda_py
+from franka_suction_driver.backends.library import (
+    RAISED,
+    connection_problem,
+    is_lost,
+    load_panda_py,
+)
 from franka_suction_driver.backends.protocol import BackendError
 
 _log = logging.getLogger(__name__)
 _PASCAL_PER_MBAR = 100.0
 _PASCAL_PER_SETPOINT = 1000.0
 _LARGEST_SETPOINT = 255
+# Pause before a connection that was lost is tried again [s]: a try may block for long.
+_RECONNECT = 5.0
 
 
 def setpoint(vacuum: float, part_present_vacuum: float) -> int:
@@ -71,12 +78,14 @@ class CobotPump:
     ) -> None:
         self._params, self._library, self._clock = params, library, clock
         self._gripper: Any = None
-        self._setpoint = 0
+        # None where nobody knows what the pump does, so that any command is passed on.
+        self._setpoint: int | None = 0
         self._commands: queue.SimpleQueue[int | None] = queue.SimpleQueue()
         self._reading: SuctionReading | None = None
         self._trouble = ""
         self._silent = False
         self._heard = clock()
+        self._retry_at = 0.0
         self._closing = threading.Event()
         self._threads: list[threading.Thread] = []
 
@@ -87,12 +96,7 @@ class CobotPump:
         address = self._params.robot_ip
         if not address:
             raise BackendError("no robot address", hint="set robot_ip, or `up real --robot`")
-        try:
-            self._gripper = self._library.libfranka.VacuumGripper(address)
-        except RAISED as error:
-            problem = connection_problem(self._library, address, error)
-            hint = f"{problem.hint}; Desk, Settings, End-Effector must say Cobot Pump"
-            raise BackendError(problem.what, hint=hint) from error
+        self._gripper = self._open()
         for name, work in (("pump_commands", self._obey), ("pump_state", self._poll)):
             self._threads.append(threading.Thread(target=work, name=name, daemon=True))
             self._threads[-1].start()
@@ -127,6 +131,15 @@ class CobotPump:
         gripper, self._gripper = self._gripper, None
         if gripper is not None:
             self._release(gripper)
+
+    def _open(self) -> Any:
+        address = self._params.robot_ip
+        try:
+            return self._library.libfranka.VacuumGripper(address)
+        except RAISED as error:
+            problem = connection_problem(self._library, address, error)
+            hint = f"{problem.hint}; Desk, Settings, End-Effector must say Cobot Pump"
+            raise BackendError(problem.what, hint=hint) from error
 
     def _obey(self) -> None:
         """Run commands one after the other; only the newest of those that wait counts."""
@@ -183,6 +196,21 @@ class CobotPump:
                 self._reading = self._read(self._gripper)
             except RAISED as error:
                 self._reading = SuctionReading(fault=f"the pump does not answer: {error}")
+                if is_lost(error):
+                    self._reconnect()
+
+    def _reconnect(self) -> None:
+        """Replace a connection that is dead; what is commanded next is then commanded anyway."""
+        if self._clock() < self._retry_at:
+            return
+        self._retry_at = self._clock() + _RECONNECT
+        try:
+            self._gripper = self._open()
+        except BackendError as error:
+            _log.warning("%s", error)
+            return
+        self._setpoint = None
+        _log.info("the pump is connected again")
 
     def _read(self, gripper: Any) -> SuctionReading:
         state = gripper.read_once()

@@ -56,7 +56,7 @@ class LibraryError(BackendError):
 
     def __init__(self, doing: str, error: BaseException) -> None:
         text = str(error) or type(error).__name__
-        self.lost = isinstance(error, RuntimeError) and _is_network(text)
+        self.lost = is_lost(error)
         if self.lost:
             super().__init__(
                 f"the connection to the robot was lost: {text} (while {doing})", hint=_RECONNECT
@@ -124,6 +124,7 @@ def explained(text: str) -> str:
     return f"{text}; look at the robot, then call arm/recover"
 
 
-def _is_network(text: str) -> bool:
-    lowered = text.lower()
-    return any(words in lowered for words in _NETWORK)
+def is_lost(error: BaseException) -> bool:
+    """Return whether an error of the library says that the connection is gone."""
+    lowered = str(error).lower()
+    return isinstance(error, RuntimeError) and any(words in lowered for words in _NETWORK)
