@@ -30,8 +30,8 @@ class PandaLink:
 
     - A control loop that died by itself still counts as running: until `stop_controller` is
       called, every read returns the last state before its death.
-    - The second `stop_controller` reads the robot. The destructor is one, and must not raise: on a
-      dead connection it would end the process.
+    - The second `stop_controller` reads the robot. The destructor calls it once more, where what a
+      dead connection raises would end the process.
     - A target that is not finite raises in the control thread, where nobody can catch it.
 
     Args:

@@ -24,4 +24,6 @@ def rejection(command: str, mode: Any) -> RuntimeError:
     """Return what libfranka raises for a command that the robot does not accept in its mode."""
     name = _NAMES.get(mode.name, mode.name[1:])
     why = f'command not possible in the current mode ("{name}")!'
+    if mode is RobotMode.kOther:
+        why += " Did you open the brakes?"
     return RuntimeError(f"libfranka: {command} command rejected: {why}")
