@@ -76,7 +76,7 @@ class RecordingRobot:
         self.plugged = True
         self.session = 0
         self.unplugged_at = 0.0
-        self.told_of_loss = False
+        self.loss_raised = False
         self.on_call: dict[str, Callable[[], None]] = {}
         self.stopped_at = 0.0
         self.crash = ""
@@ -116,7 +116,7 @@ class RecordingRobot:
     def unplug(self) -> None:
         """Pull the cable: connections die, and a robot that was moved stops by a reflex."""
         self.plugged, self.session = False, self.session + 1
-        self.unplugged_at, self.told_of_loss, self.pending = self.clock(), False, None
+        self.unplugged_at, self.loss_raised, self.pending = self.clock(), False, None
         if self.controller is not None:
             self.mode, self.errors = RobotMode.kReflex, {"communication_constraints_violation"}
         self._halt()

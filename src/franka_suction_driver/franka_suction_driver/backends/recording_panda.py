@@ -198,11 +198,11 @@ class Panda:
         robot = self._robot
         robot.arrive("ok")
         lost = self._session != robot.session or not robot.plugged
-        if lost and self.is_moving() and robot.pending is None and not robot.told_of_loss:
+        if lost and self.is_moving() and robot.pending is None and not robot.loss_raised:
             # The control thread waits so long for a state before it gives up.
             if robot.clock() - robot.unplugged_at < UDP_TIMEOUT:
                 return
-            robot.told_of_loss = True
+            robot.loss_raised = True
             robot.pending = RuntimeError(UDP_LOST)
         robot.raise_pending()
 
