@@ -24,7 +24,7 @@ from flowbothd_common.ros.parameters import declare
 from franka_suction_driver.backend_params import ArmNodeParams
 from franka_suction_driver.backends.connection import Connection
 from franka_suction_driver.backends.panda import PandaArm
-from franka_suction_driver.backends.protocol import ArmBackend, ArmState
+from franka_suction_driver.backends.protocol import NOTHING_TO_RECOVER, ArmBackend, ArmState
 from franka_suction_driver.backends.recording import RecordingLibrary, RecordingRobot
 from franka_suction_driver.backends.topic_ros import TopicArm
 from franka_suction_driver.description import read_description
@@ -104,7 +104,8 @@ class ArmNode(Node):
         self._report(state)
 
     def _publish(self, state: ArmState) -> None:
-        if self._params.backend == "topic":
+        # A state that is sent again with a new stamp would pass for a measurement of now.
+        if self._params.backend == "topic" or not state.fresh:
             return
         header = Header(stamp=self.get_clock().now().to_msg(), frame_id=self._frame)
         self._joints.publish(
@@ -159,7 +160,8 @@ class ArmNode(Node):
         response.message = (
             self._backend.recover() if self._connection.made else self._connection.trouble
         )
-        response.success = not response.message
+        # Who asks for an arm that is ready has one: success, so that scripts may always ask.
+        response.success = response.message in ("", NOTHING_TO_RECOVER)
         self._refused = ""
         return response
 

@@ -13,7 +13,7 @@ from flowbothd_common.motion import JointTrajectory, joint_order
 from flowbothd_common.ros import qos
 from flowbothd_common.ros.conversions import to_trajectory
 from franka_suction_driver.backends.acceptance import objection
-from franka_suction_driver.backends.protocol import ArmState
+from franka_suction_driver.backends.protocol import NOTHING_TO_RECOVER, ArmState
 from franka_suction_driver.commander import Commander
 from franka_suction_driver.limits import JointLimits
 from franka_suction_driver.stopping import joint_stop
@@ -98,6 +98,8 @@ class TopicArm:
         """Believe the joint states again; a driver's own recovery is the driver's."""
         if self._state is None:
             return "no joint_states yet"
+        if not self._fault:
+            return NOTHING_TO_RECOVER
         self._fault, self._behind_since, self._moving = "", None, False
         self._commander.reset(self._state.positions)
         return ""
