@@ -30,6 +30,7 @@ from franka_suction_driver.actions_ros import ActiveGoal, MotionActions
 from franka_suction_driver.description import read_description
 from franka_suction_driver.executor import MotionExecutor, make_kinematics
 from franka_suction_driver.inputs_ros import RobotInputs
+from franka_suction_driver.limits_text import motion_limits
 from franka_suction_driver.motion_factory import Prepared
 from franka_suction_driver.params import MotionNodeParams
 from franka_suction_driver.safety_ros import SafetyServices, open_audit
@@ -44,6 +45,7 @@ class MotionNode(Node):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("motion_node", **kwargs)
         self._params = declare(self, MotionNodeParams)
+        self.get_logger().info(motion_limits(self._params))
         robot = self._params.robot
         kinematics = make_kinematics(self._params, read_description(robot.description_file))
         self._audit = open_audit(self._params.safety)
@@ -97,9 +99,7 @@ class MotionNode(Node):
             message = f"cannot move: {stale}; start what should publish it"
             self._finish(goal, MotionResult(goal.kind, MotionReason.STALE_INPUT, message))
             return
-        self._goal = goal
-        self._cancelled = ""
-        self._give_up_at = None
+        self._goal, self._cancelled, self._give_up_at = goal, "", None
         cloud = self._inputs.cloud
 
         def plan() -> Prepared:
@@ -192,7 +192,7 @@ def _late(deadline: float) -> bool:
 
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
-    return run_node(MotionNode, args)
+    return run_node(MotionNode, args, strict_files=True)
 
 
 if __name__ == "__main__":

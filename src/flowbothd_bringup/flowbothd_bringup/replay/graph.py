@@ -10,7 +10,8 @@ import yaml
 from flowbothd_bringup.bags import about
 from flowbothd_bringup.bags.metadata import BagError
 from flowbothd_bringup.bags.reader import Bag
-from flowbothd_bringup.graph import NODES, Parameters, flat_parameters
+from flowbothd_bringup.graph import NODES, Parameters
+from flowbothd_common.parameter_files import flat_parameters
 
 PLAYER = "player_node"
 PERCEPTION = "perception_node"

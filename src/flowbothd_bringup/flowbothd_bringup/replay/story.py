@@ -17,7 +17,7 @@ from flowbothd_bringup.bags import about
 from flowbothd_bringup.bags.metadata import BagError
 from flowbothd_bringup.bags.reader import Bag, Message, Span
 from flowbothd_bringup.bags.types_ros import message_class
-from flowbothd_bringup.graph import flat_parameters
+from flowbothd_common.parameter_files import flat_parameters
 from flowbothd_common.ros import clouds
 from flowbothd_common.types import Cloud
 
