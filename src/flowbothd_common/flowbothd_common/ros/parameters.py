@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -111,7 +112,7 @@ def reject_unknown(node: Node) -> None:
 def given_files(arguments: Sequence[str]) -> list[Path]:
     """Return the parameter files that ROS arguments name (`--ros-args --params-file FILE`)."""
     files, inside = [], False
-    for word, following in zip(arguments, [*arguments[1:], ""], strict=True):
+    for word, following in pairwise(arguments):
         if word in ("--ros-args", "--"):
             inside = word == "--ros-args"
         elif inside and word == "--params-file":
