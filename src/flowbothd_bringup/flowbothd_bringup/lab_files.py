@@ -6,6 +6,7 @@ from collections.abc import Collection
 from pathlib import Path
 
 from flowbothd_bringup.graph import Parameters, as_written, config_file, read_parameters
+from flowbothd_bringup.lab_values import checked_values
 from flowbothd_common.errors import ParameterError
 from flowbothd_common.parameter_files import astray, base_name, full_name, reaches, unreached
 
@@ -26,7 +27,8 @@ def lab_parameters(
 
     Raises:
         ParameterError: the file does not exist or is not a parameter file, no entry reaches a node
-            of the graph, or one entry reaches none although it can be meant for no other graph.
+            of the graph, one entry reaches none although it can be meant for no other graph, or a
+            value is not allowed.
     """
     given = read_parameters(_existing(path))
     written = {as_written(node): values for node, values in given.items()}
@@ -44,7 +46,7 @@ def lab_parameters(
         for entry, values in written.items():
             if reaches(entry, name):
                 result.setdefault(node, {}).update(values)
-    return result
+    return {node: checked_values(path.name, node, values) for node, values in result.items()}
 
 
 def _existing(path: Path) -> Path:

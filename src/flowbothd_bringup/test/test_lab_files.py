@@ -35,7 +35,7 @@ def lab(tmp_path: Path) -> Any:
 @pytest.mark.parametrize("name", ["motion_node", "/**/motion_node", "**/motion_node", "/**"])
 def test_dry_run_holds_in_the_root_and_under_a_namespace(lab: Any, name: str, namespace: str):
     """The incident: a lab's `motion_node:` was dropped under /left, and the arm moved."""
-    given = lab_parameters(lab(f'"{name}": {DRY}'), NODES, namespace=namespace)
+    given = lab_parameters(lab(f'"{name}": {DRY}'), ("motion_node",), namespace=namespace)
     assert given["motion_node"] == {"safety.dry_run": True}
 
 
@@ -59,13 +59,14 @@ def test_a_full_name_applies_to_that_node_only(lab: Any):
 
 def test_the_last_entry_that_reaches_a_node_wins_as_in_ros(lab: Any):
     file = lab(
-        "/**: {ros__parameters: {seed: 1}}",
+        "/**: {ros__parameters: {use_sim_time: true}}",
         "motion_node: {ros__parameters: {seed: 2}}",
         "/left/motion_node: {ros__parameters: {seed: 3}}",
     )
-    assert lab_parameters(file, NODES)["motion_node"] == {"seed": 2}
-    assert lab_parameters(file, NODES, namespace="left")["motion_node"] == {"seed": 3}
-    assert lab_parameters(file, NODES)["arm_node"] == {"seed": 1}
+    ros = {"use_sim_time": True}
+    assert lab_parameters(file, NODES)["motion_node"] == ros | {"seed": 2}
+    assert lab_parameters(file, NODES, namespace="left")["motion_node"] == ros | {"seed": 3}
+    assert lab_parameters(file, NODES)["arm_node"] == ros
 
 
 @pytest.mark.parametrize(
@@ -100,7 +101,13 @@ def test_one_file_may_serve_several_graphs(lab: Any):
     assert set(lab_parameters(file, NODES, ("bridge_node",))) == {"motion_node", "bridge_node"}
 
 
-@pytest.mark.parametrize("command", [["up", "real", "--backend", "recording"], ["doctor"]])
+@pytest.mark.parametrize(
+    "command",
+    [
+        ["up", "real", "--backend", "recording"],
+        pytest.param(["doctor"], marks=pytest.mark.ros),
+    ],
+)
 def test_the_commands_say_it_in_one_line_and_start_nothing(lab: Any, capsys: Any, command: Any):
     file = lab(f"moton_node: {DRY}")
     assert main([*command, "--params", str(file)]) == 2
@@ -110,16 +117,41 @@ def test_the_commands_say_it_in_one_line_and_start_nothing(lab: Any, capsys: Any
     assert error.count("\n") == 1
 
 
-def test_a_number_that_is_none_is_refused_before_anything_starts(lab: Any, capsys: Any):
-    """The incident: `nan > limit` is false, so that a NaN limit never stops anything."""
-    for value in (".nan", ".inf"):
-        file = lab(
-            "perception_node: {ros__parameters: {camera: {position: [0.6, -1.0, 0.6], "
-            "quaternion: [0.0, 0.0, 0.0, 1.0]}}}",
-            f"motion_node: {{ros__parameters: {{safety: {{force_limit: {value}}}}}}}",
-        )
-        assert main(["up", "real", "--backend", "recording", "--params", str(file)]) == 2
-        assert "safety.force_limit is not finite; got " in capsys.readouterr().err
+@pytest.mark.parametrize(
+    ("node", "values", "said"),
+    [
+        # `nan > limit` is false: a NaN limit never stops anything.
+        ("motion_node", "{safety: {force_limit: .nan}}", "safety.force_limit is not finite"),
+        ("perception_node", "{camera.position: [0.1, .inf, 0.2]}", "camera.position is not finite"),
+        ("motion_node", "{safety: {force_limit: '30'}}", "wrong type; got '30'; allowed: double"),
+        ("arm_node", "{panda: {force_limit: 0.5}}", "out of range; got 0.5; allowed: 1 <= x"),
+        ("motion_node", "{safety: {dryrun: true}}", "no parameter safety.dryrun; allowed: safety"),
+        ("motion_node", "{safety: {workspace_min: [0.0, 0.0]}}", "wrong length; got 2; allowed: 3"),
+    ],
+)
+def test_a_value_that_is_not_allowed_is_refused_before_anything_starts(
+    lab: Any, capsys: Any, node: str, values: str, said: str
+):
+    """One node ended with the reason, six went on, and the arm stood without its planner."""
+    file = lab(f"{node}: {{ros__parameters: {values}}}")
+    assert main(["up", "real", "--backend", "recording", "--params", str(file)]) == 2
+    error = capsys.readouterr().err
+    assert said in error and "lab.yaml" in error and node in error
+
+
+def test_whole_numbers_are_written_as_the_doubles_that_ros_wants(lab: Any, tmp_path: Path):
+    """`force_limit: 30` ended motion_node: ROS takes an integer for no double."""
+    file = lab("motion_node: {ros__parameters: {safety: {force_limit: 30}, seed: 30}}")
+    values = lab_parameters(file, NODES)["motion_node"]
+    assert type(values["safety.force_limit"]) is float
+    assert type(values["seed"]) is int
+
+
+def test_the_parameters_of_every_node_are_known():
+    from flowbothd_bringup import graph, real
+    from flowbothd_bringup.lab_values import PARAMETERS
+
+    assert set(PARAMETERS) == {*graph.NODES, *real.NODES, "recorder_node", "player_node"}
 
 
 def test_every_file_that_is_shipped_applies_under_a_namespace():
