@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
@@ -13,6 +12,8 @@ import yaml
 
 from flowbothd_bringup.processes import NodeProcess
 from flowbothd_bringup.scenes import Scene
+from flowbothd_common.errors import ParameterError
+from flowbothd_common.parameter_files import base_name, read_entries
 from flowbothd_common.parameters import build, specifications
 from franka_suction_driver.params import MotionParams
 from sim_bridge.objects.registry import load_object
@@ -29,6 +30,9 @@ NODES = {
 
 Parameters = dict[str, dict[str, Any]]
 """Node name -> parameter name -> value."""
+
+_ANYWHERE = "/**/"
+"""Before the name of a node: in the root and under every namespace."""
 
 
 @dataclass(frozen=True)
@@ -53,20 +57,31 @@ class RunOptions:
 
 
 def read_parameters(path: Path) -> Parameters:
-    """Parameters of a ROS YAML file: node -> name -> value, groups flattened to dotted names."""
-    content = yaml.safe_load(path.read_text()) or {}
-    return {node: flat_parameters(entry["ros__parameters"]) for node, entry in content.items()}
+    """Read a ROS YAML file: node -> name -> value, groups flattened to dotted names.
 
+    ``motion_node`` and ``/**/motion_node`` are both returned as ``motion_node``, the node of that
+    name wherever the graph lives. Other names, such as ``/left/motion_node`` and ``/**``, are
+    returned as they are written.
 
-def flat_parameters(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Nested groups of parameters as one level of dotted names."""
-    result: dict[str, Any] = {}
-    for name, value in values.items():
-        if isinstance(value, Mapping):
-            result.update(flat_parameters(value, f"{prefix}{name}."))
-        else:
-            result[prefix + name] = value
+    Raises:
+        ParameterError: it is not a parameter file, or has two entries for one node.
+    """
+    result: Parameters = {}
+    for written, values in read_entries(path).items():
+        node = written if "/" in written.removeprefix(_ANYWHERE) else base_name(written)
+        if node in result:
+            raise ParameterError(
+                f"{path.name} has two entries for {node}",
+                got=f"{node} and {_ANYWHERE}{node}",
+                hint="write them as one",
+            )
+        result[node] = values
     return result
+
+
+def as_written(node: str) -> str:
+    """Name of a node in parameter files: a bare name means the node wherever the graph lives."""
+    return node if "/" in node else _ANYWHERE + node
 
 
 class _PlainDumper(yaml.SafeDumper):
@@ -78,9 +93,10 @@ class _PlainDumper(yaml.SafeDumper):
 
 
 def write_parameters(path: Path, parameters: Parameters) -> None:
-    """Write parameters as the ROS YAML file that `--params-file` takes."""
-    content = {node: {"ros__parameters": values} for node, values in parameters.items()}
-    path.write_text(yaml.dump(content, Dumper=_PlainDumper, sort_keys=True))
+    """Write parameters as a ROS YAML file that applies in the root and under any namespace."""
+    content = {as_written(node): {"ros__parameters": values} for node, values in parameters.items()}
+    # In the given order: where several entries reach a node, ROS lets the last one win.
+    path.write_text(yaml.dump(content, Dumper=_PlainDumper, sort_keys=False))
 
 
 def check_object(scene: Scene, options: RunOptions) -> None:

@@ -30,6 +30,9 @@ RECORD = {
 }
 """Launch arguments of every graph that can be recorded."""
 
+NAMESPACE = "ros_namespace"
+"""Where launch_ros keeps the namespace of the nodes that are started."""
+
 # Domain and discovery are the user's own; how messages travel and threads compute is the graph's.
 _ENVIRONMENT = (
     "FASTRTPS_DEFAULT_PROFILES_FILE",
@@ -54,17 +57,20 @@ def description(
 
     Args:
         arguments: Name -> default and description.
-        graph: Takes the values of the arguments; gives node -> module, and parameters.
+        graph: Takes the values of the arguments, and the namespace that a launch file around this
+            one has pushed; gives node -> module, and parameters.
     """
 
     def start(context: Any) -> list[Any]:
         values = {name: LaunchConfiguration(name).perform(context) for name in arguments}
+        # Set where a launch file includes this one below a PushRosNamespace.
+        values[NAMESPACE] = LaunchConfiguration(NAMESPACE, default="").perform(context)
         nodes, parameters = graph(values)
         nodes, parameters = dict(nodes), dict(parameters)
         if values.get("record"):
             nodes["recorder_node"] = RECORDER
             recorder = {"out": values["record"], "profile": values["profile"]}
-            parameters["recorder_node"] = recorder
+            parameters["recorder_node"] = {**parameters.get("recorder_node", {}), **recorder}
         return node_actions(nodes, parameters)
 
     declared = [

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from flowbothd_bringup.graph import Parameters, config_file, read_parameters
+from flowbothd_bringup.lab_files import lab_parameters
 from flowbothd_bringup.processes import NodeProcess
 from flowbothd_common.errors import ParameterError
 from flowbothd_common.parameters import build, specifications
@@ -26,6 +27,9 @@ NODES = {
 }
 """Node name -> module that runs it. What blocks Python, the pump, has a process of its own."""
 
+_OTHERS = ("bridge_node", "recorder_node", "player_node")
+"""Nodes of other graphs that a lab's file may have parameters of."""
+
 _CALIBRATION = ("camera.position", "camera.quaternion")
 
 
@@ -41,6 +45,7 @@ class RealOptions:
         speed: Part of all speeds; None = the files'.
         dry_run: Plan and show, never move.
         start: Whether the policy begins by itself.
+        namespace: ROS namespace of the graph, by which the files' full names are judged.
     """
 
     robot_ip: str = ""
@@ -50,6 +55,7 @@ class RealOptions:
     speed: float | None = None
     dry_run: bool = False
     start: bool = False
+    namespace: str = ""
 
 
 def real_parameters(options: RealOptions) -> Parameters:
@@ -78,13 +84,13 @@ def given_parameters(options: RealOptions) -> Parameters:
     """The same, without asking for what is missing; for the doctor.
 
     Raises:
-        ParameterError: a file is missing, or names what nobody knows.
+        ParameterError: a file is missing, or has parameters that reach no node.
     """
     if options.backend not in BACKENDS:
         raise ParameterError("unknown backend", got=options.backend, allowed=", ".join(BACKENDS))
     result = read_parameters(config_file("real.yaml"))
     for file in options.files:
-        for node, values in _lab_file(file).items():
+        for node, values in lab_parameters(file, NODES, _OTHERS, options.namespace).items():
             result.setdefault(node, {}).update(values)
     _apply(result, options)
     return result
@@ -137,26 +143,6 @@ def real_processes(parameters_file: Path) -> list[NodeProcess]:
         )
         for name, module in NODES.items()
     ]
-
-
-def _lab_file(path: Path) -> Parameters:
-    known = config_file(path.name)
-    file = path if path.is_file() else known
-    if not file.is_file():
-        raise ParameterError(
-            "the parameter file does not exist",
-            got=str(path),
-            allowed="a file, or the name of one that comes with flowbothd_bringup, as fr3.yaml",
-        )
-    given = read_parameters(file)
-    unknown = sorted(set(given) - set(NODES))
-    if unknown:
-        raise ParameterError(
-            f"{path.name} has parameters of unknown nodes",
-            got=", ".join(unknown),
-            allowed=", ".join(NODES),
-        )
-    return given
 
 
 def _apply(parameters: Parameters, options: RealOptions) -> None:

@@ -30,6 +30,7 @@ from franka_suction_driver.backends.topic_ros import TopicArm
 from franka_suction_driver.description import read_description
 from franka_suction_driver.executor import make_kinematics
 from franka_suction_driver.limits import robot_limits
+from franka_suction_driver.limits_text import arm_limits
 from franka_suction_driver.params import MotionParams
 
 _BEAT = "motion/heartbeat"
@@ -43,6 +44,7 @@ class ArmNode(Node):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("arm_node", **kwargs)
         self._params = declare(self, ArmNodeParams)
+        self.get_logger().info(arm_limits(self._params))
         self._names = self._params.robot.joint_names
         self._frame = self._params.robot.base_frame
         self._guard = Guard(self, lambda _: self._backend.hold())
@@ -173,7 +175,7 @@ class ArmNode(Node):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
-    return run_node(ArmNode, args)
+    return run_node(ArmNode, args, strict_files=True)
 
 
 if __name__ == "__main__":

@@ -20,6 +20,7 @@ from franka_suction_driver.description import read_description
 from franka_suction_driver.executor import MotionExecutor, make_kinematics
 from franka_suction_driver.goal_runner_ros import GoalRunner
 from franka_suction_driver.inputs_ros import RobotInputs
+from franka_suction_driver.limits_text import motion_limits
 from franka_suction_driver.params import MotionNodeParams
 from franka_suction_driver.safety_ros import SafetyServices, open_audit
 
@@ -30,6 +31,7 @@ class MotionNode(Node):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("motion_node", **kwargs)
         self._params = declare(self, MotionNodeParams)
+        self.get_logger().info(motion_limits(self._params))
         robot = self._params.robot
         kinematics = make_kinematics(self._params, read_description(robot.description_file))
         self._audit = open_audit(self._params.safety)
@@ -99,7 +101,7 @@ class MotionNode(Node):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
-    return run_node(MotionNode, args)
+    return run_node(MotionNode, args, strict_files=True)
 
 
 if __name__ == "__main__":

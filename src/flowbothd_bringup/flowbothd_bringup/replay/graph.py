@@ -5,18 +5,16 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-import yaml
-
-from flowbothd_bringup.bags import about
+from flowbothd_bringup.bags.lookup import topic_called
 from flowbothd_bringup.bags.metadata import BagError
 from flowbothd_bringup.bags.reader import Bag
-from flowbothd_bringup.graph import NODES, Parameters, flat_parameters
+from flowbothd_bringup.graph import NODES, Parameters
 
 PLAYER = "player_node"
 PERCEPTION = "perception_node"
 
 _OUTPUT = r"/object_cloud$|/perception_node/"
-_INPUTS = ("/joint_states", "/depth/image_raw")
+_INPUTS = ("joint_states", "depth/image_raw")
 
 
 def playing_graph(
@@ -28,6 +26,7 @@ def playing_graph(
     loop: bool = False,
     exclude: str = "",
     perception: bool = False,
+    namespace: str | None = None,
 ) -> tuple[dict[str, str], Parameters]:
     """Node -> module, and their parameters.
 
@@ -39,11 +38,12 @@ def playing_graph(
         loop: Begin anew at the end.
         exclude: Regular expression of topics that are not played.
         perception: Run perception_node as it was configured, and play all but what it put out.
+        namespace: Graph whose perception_node it is, where several were recorded.
 
     Raises:
         BagError: there is no recording, or it lacks the parameters of a node that is to run.
     """
-    bag = Bag(path)
+    bag = Bag(path, namespace)
     if rate <= 0:
         raise BagError("rate of a replay", got=rate, allowed="> 0")
     left_out = [exclude] if exclude else []
@@ -60,7 +60,8 @@ def playing_graph(
         nodes[PERCEPTION] = NODES[PERCEPTION]
         parameters[PERCEPTION] = recorded_parameters(bag, PERCEPTION)
         left_out.append(_OUTPUT)
-        player["wait_for"] = [name for name in _INPUTS if name in bag.topics]
+        inputs = [topic_called(bag, name) for name in _INPUTS]
+        player["wait_for"] = [name for name in inputs if name is not None]
     if left_out:
         player["exclude"] = "|".join(left_out)
     return nodes, parameters
@@ -72,13 +73,15 @@ def recorded_parameters(bag: Bag, node: str) -> dict[str, Any]:
     Raises:
         BagError: they were not recorded.
     """
-    content = yaml.safe_load(bag.attachments().get(about.PARAMETERS, b"")) or {}
-    if node not in content:
+    # Imports ROS, which the command line must not need before it knows its command.
+    from flowbothd_bringup.replay.story import stored_parameters
+
+    values = stored_parameters(bag).get(node)
+    if values is None:
         raise BagError(
             f"{bag.path} has no parameters of {node}",
             hint="record with `flowbothd record`, which asks all nodes for theirs",
         )
-    values = flat_parameters(content[node]["ros__parameters"])
     kept = {
         name: value
         for name, value in values.items()

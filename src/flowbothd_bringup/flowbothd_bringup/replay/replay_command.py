@@ -8,6 +8,7 @@ import sys
 import tempfile
 from pathlib import Path
 
+from flowbothd_bringup.bags.lookup import add_namespace, graph_namespace
 from flowbothd_bringup.bags.metadata import BagError
 from flowbothd_bringup.bags.reader import Bag, Span
 from flowbothd_bringup.environment import node_environment, own_domain
@@ -60,6 +61,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="play nothing; run perception, inference, policy (comma-separated) again on what was "
         "recorded, as fast as they go, and compare: 0 identical, 1 different",
     )
+    add_namespace(parser)
     parser.add_argument(
         "--report", type=Path, default=None, metavar="FILE", help="comparison as JSON"
     )
@@ -82,7 +84,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _recompute(arguments: argparse.Namespace) -> int:
     from flowbothd_bringup.replay.recompute import recompute
 
-    bag = Bag(arguments.bag)
+    bag = Bag(arguments.bag, arguments.namespace)
     nodes = [name.strip() for name in arguments.recompute.split(",")]
     result = recompute(bag, nodes, Span(arguments.begin, arguments.end))
     sys.stdout.write(result.text() + "\n")
@@ -93,6 +95,12 @@ def _recompute(arguments: argparse.Namespace) -> int:
 
 
 def _play(arguments: argparse.Namespace) -> int:
+    if arguments.namespace is not None and not arguments.nodes:
+        raise BagError(
+            "--namespace chooses the graph for --nodes and --recompute",
+            got=arguments.namespace,
+            hint="leave the topics of another graph out with --exclude, such as '^/right/'",
+        )
     nodes, parameters = playing_graph(
         arguments.bag,
         rate=arguments.rate,
@@ -101,7 +109,9 @@ def _play(arguments: argparse.Namespace) -> int:
         loop=arguments.loop,
         exclude=arguments.exclude,
         perception=bool(arguments.nodes),
+        namespace=arguments.namespace,
     )
+    space = graph_namespace(Bag(arguments.bag, arguments.namespace)) if arguments.nodes else ""
     domain = arguments.domain
     if domain is None:
         domain = int(os.environ.get("ROS_DOMAIN_ID", own_domain()))
@@ -113,7 +123,11 @@ def _play(arguments: argparse.Namespace) -> int:
         processes = [
             NodeProcess(
                 name,
-                (sys.executable, "-m", module, "--ros-args", "--params-file", str(file)),
+                (
+                    *(sys.executable, "-m", module, "--ros-args", "--params-file", str(file)),
+                    # The player's topics have full names; the others listen where the graph was.
+                    *(("-r", f"__ns:={space}") if space and name != PLAYER else ()),
+                ),
                 required=name == PLAYER,
             )
             for name, module in nodes.items()

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from flowbothd_bringup.bags import about
+from flowbothd_bringup.bags.lookup import add_namespace, topic_called
 from flowbothd_bringup.bags.metadata import BagError
 from flowbothd_bringup.bags.reader import Bag
 from flowbothd_bringup.bags.types_ros import type_of
@@ -24,6 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--out", type=Path, default=None, help="folder of the page (default: report in the bag's)"
     )
+    add_namespace(parser)
     parser.add_argument("--no-animation", action="store_true", help="leave out the moving picture")
 
 
@@ -49,9 +51,9 @@ def record_of(bag: Bag) -> RunRecord:
     """
     from flowbothd_bringup.collector import Collector
     from flowbothd_bringup.operator_node import ARM_JOINTS
-    from flowbothd_bringup.replay.story import decoded, stored_parameters, topic_called
+    from flowbothd_bringup.replay.story import decoded, stored_parameters
 
-    parameters = stored_parameters(bag.attachments())
+    parameters = stored_parameters(bag)
     bridge, inference = parameters.get("bridge_node", {}), parameters.get("inference_node", {})
     record = RunRecord(
         object=str(bridge.get("object", "a real object")),
@@ -88,7 +90,7 @@ def scene_of(bag: Bag, record: RunRecord) -> Scene | None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the page."""
-    bag = Bag(arguments.bag)
+    bag = Bag(arguments.bag, arguments.namespace)
     folder = arguments.out or (
         bag.path / "report" if bag.path.is_dir() else bag.path.with_suffix(".report")
     )
