@@ -82,7 +82,7 @@ def by_node(bag: Bag, content: Mapping[str, T]) -> dict[str, T]:
         "/" + name.removeprefix("/").removeprefix("**/"): value for name, value in content.items()
     }
     result = {}
-    for base in {name.rsplit("/", maxsplit=1)[-1] for name in full}:
+    for base in sorted({name.rsplit("/", maxsplit=1)[-1] for name in full}):
         candidates = _candidates(bag, full, base)
         if len(candidates) == 1:
             result[base] = full[candidates[0]]
