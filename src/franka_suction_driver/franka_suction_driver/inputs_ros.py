@@ -40,7 +40,7 @@ class RobotInputs:
         refused: Called after every refused message, so that the arm need not wait for a timer.
 
     Raises:
-        ParameterError: `wrench.sign` is neither 1 nor -1.
+        ParameterError: `wrench.sign` is neither 1.0 nor -1.0.
     """
 
     def __init__(
@@ -51,12 +51,12 @@ class RobotInputs:
         guard: Guard,
         refused: Callable[[], None],
     ) -> None:
-        if params.wrench.sign not in (1, -1):
-            raise ParameterError("wrench.sign", got=params.wrench.sign, allowed="1 or -1")
+        if params.wrench.sign not in (1.0, -1.0):
+            raise ParameterError("wrench.sign", got=params.wrench.sign, allowed="1.0 or -1.0")
         self._names = params.robot.joint_names
         self._base_frame = params.robot.base_frame
         self._wrench_frame = params.wrench.frame or params.robot.base_frame
-        self._sign = float(params.wrench.sign)
+        self._sign = params.wrench.sign
         self._refused = refused
         self._limits = (limits.lower, limits.upper, limits.velocity)
         self._clock = NodeClock(node, params.clock_timeout)
@@ -85,11 +85,12 @@ class RobotInputs:
     def observation(self) -> RobotObservation | None:
         """Return what is known of the robot now; None before any joint state.
 
-        Its time is the node clock's, or runs on with the steady clock where that stands still.
+        Its time is the node clock's, or runs on with the steady clock where that stands still. The
+        wrench is None where it is silent or its last message was refused.
         """
         if self._positions is None:
             return None
-        silent = self._silence.silent([WRENCH])
+        silent = self._silence.silent([WRENCH]) or self._silence.last_refused(WRENCH)
         return RobotObservation(
             self._clock.now(),
             self._positions,
@@ -141,6 +142,9 @@ class RobotInputs:
         values = received.joint_state(message, self._names, self._limits, expected=first)
         if values is None:
             return
+        if self._positions is not None:
+            elapsed = self._silence.age(JOINT_STATES)
+            received.no_leap(self._names, self._positions, values[0], self._limits[2], elapsed)
         self._stamps.check(JOINT_STATES, message.header.stamp, self._clock.now())
         self._positions, self._velocities = values
         self._silence.heard(JOINT_STATES)

@@ -244,12 +244,12 @@ class MotionParams:
 class WrenchParams:
     """How the topic external_wrench is to be read."""
 
-    sign: int = parameter(
-        1,
-        "1: the wrench is what the environment exerts on the tool, in base axes, so that pressing "
-        "the cup upwards gives a positive z; -1: what the tool exerts, as franka_ros publishes it",
-        minimum=-1,
-        maximum=1,
+    sign: float = parameter(
+        1.0,
+        "1.0: the wrench is what the environment exerts on the tool, in base axes, so that pressing "
+        "the cup upwards gives a positive z; -1.0: what the tool exerts, as franka_ros publishes it",
+        minimum=-1.0,
+        maximum=1.0,
     )
     frame: str = parameter(
         "", "Frame id that the wrench must carry, if any; its axes are the base's. Empty = base"

@@ -197,6 +197,9 @@ def ros(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest):
             executor.remove_node(node)
             node.destroy_node()
 
+        def spin(self, timeout: float = 0.005) -> None:
+            executor.spin_once(timeout_sec=timeout)
+
         def until(self, condition: Callable[[], bool], what: str, seconds: float = 30.0) -> None:
             deadline = time.monotonic() + seconds
             while not condition():

@@ -114,6 +114,10 @@ class Silence:
         """Note that `name` sent a message that counts as not received."""
         self._refused[name] = (self._refused.get(name, (0, ""))[0] + 1, why)
 
+    def last_refused(self, name: str) -> bool:
+        """Return whether the last message of `name` was refused."""
+        return name in self._refused
+
     def why(self, name: str, now: float | None = None) -> str:
         """Return how long `name` has been silent and what it sent instead, in words."""
         age = self.age(name, now)

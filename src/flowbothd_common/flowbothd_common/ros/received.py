@@ -24,6 +24,8 @@ from flowbothd_interfaces.msg import MotionResult as MotionResultMessage
 
 _BEYOND_POSITION = 0.5
 """Distance beyond a joint's range that no calibration offset explains [rad]."""
+_JITTER = 0.1
+"""Joint motion between two messages that arrive together after a delay, at most [rad]."""
 _LARGEST_WRENCH = 1.0e4
 """Component of a wrench that no sensor on a tool's scale measures [N, Nm]."""
 _AHEAD = 1.0
@@ -103,6 +105,34 @@ def _check_plausible(
             f"{names[worst]} is faster than it can be",
             got=f"{velocities[worst]:.4g} rad/s",
             allowed=f"at most {fastest[worst]:.4g} rad/s",
+        )
+
+
+def no_leap(
+    names: Sequence[str], before: Array, positions: Array, fastest: Array, elapsed: float
+) -> None:
+    """Refuse positions that the joints cannot have reached since the last accepted ones.
+
+    A glitch of an encoder is refused once. Where the arm really is elsewhere, it becomes plausible
+    with the time that passes.
+
+    Args:
+        names: J joints.
+        before: (J,) last accepted positions [rad].
+        positions: (J,) new positions [rad].
+        fastest: (J,) velocity limits [rad/s].
+        elapsed: Time between both [s].
+
+    Raises:
+        InvalidMessageError: a joint leaps.
+    """
+    excess = np.abs(positions - before) - _JITTER - 2.0 * fastest * elapsed
+    worst = int(np.argmax(excess))
+    if not excess[worst] <= 0.0:
+        raise InvalidMessageError(
+            f"{names[worst]} leaps",
+            got=f"{positions[worst] - before[worst]:.3f} rad in {elapsed:.3f} s",
+            allowed=f"{fastest[worst]:.3g} rad/s",
         )
 
 
