@@ -70,12 +70,13 @@ def run(arguments: argparse.Namespace) -> int:
     environment = node_environment(arguments.domain)
     if arguments.network:
         environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "SUBNET"
-    speed = graph.parameters["motion_node"].get("safety.speed_scale")
+    motion = graph.parameters["motion_node"]
     with tempfile.TemporaryDirectory(prefix="flowbothd-") as folder:
         file = Path(folder) / "parameters.yaml"
         sys.stdout.write(
-            f"backend {options.backend}, speed {100 * float(speed or 0):.0f} %"
-            f"{', DRY RUN' if options.dry_run else ''}; stop with motion/halt or the user stop; "
+            f"backend {options.backend}, speed {100 * float(motion['safety.speed_scale']):.0f} %"
+            f"{', DRY RUN' if motion.get('safety.dry_run') else ''}; "
+            "stop with motion/halt or the user stop; "
             f"`flowbothd doctor --domain {arguments.domain}` tells what is missing; Ctrl-C ends.\n"
         )
         sys.stdout.flush()

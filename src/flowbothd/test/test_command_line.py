@@ -99,4 +99,4 @@ def test_camera_and_perception_get_the_same_calibration_and_overrides_win(tmp_pa
     assert read_parameters(file) == parameters
     # The incident: camera.position was written once and referred to, which ROS refuses.
     assert "*id" not in file.read_text()
-    assert "ros__parameters" in yaml.safe_load(file.read_text())["bridge_node"]
+    assert "ros__parameters" in yaml.safe_load(file.read_text())["/**/bridge_node"]

@@ -55,6 +55,9 @@ class TestDoctor:
         assert judge_wrench("wrench", []).light is Light.RED
         assert "tare" in judge_wrench("wrench", [9.0]).remedy
         assert judge_wrench("wrench", [0.5]).light is Light.GREEN
+        broken = judge_wrench("wrench", [0.5, float("nan"), 0.5])
+        assert broken.light is Light.RED
+        assert "1 of 3" in broken.found
         assert judge_pump(Heard(), "").light is Light.RED
         assert judge_pump(Heard([0.0, 0.1]), "no link").found == "no link"
         checks = judge_nodes(["a", "b", "c"], {"a": (True, "fine"), "b": (False, "no camera")})

@@ -7,6 +7,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from flowbothd_bringup.lab_files import lab_parameters
 from flowbothd_bringup.node_graph import DECIDING_NODES, NodeGraph, config_file
 from flowbothd_common.errors import ParameterError
 from flowbothd_common.parameter_files import Parameters, read_parameters
@@ -20,6 +21,9 @@ NODES = {
     **DECIDING_NODES,
 }
 """Node name -> module that runs it. What blocks Python, the pump, has a process of its own."""
+
+_OTHERS = ("bridge_node", "recorder_node", "player_node")
+"""Nodes of other graphs that a lab's file may have parameters of."""
 
 _CALIBRATION = ("camera.position", "camera.quaternion")
 
@@ -36,6 +40,7 @@ class RealOptions:
         speed: Part of all speeds; None = the files'.
         dry_run: Plan and show, never move.
         start: Whether the policy begins by itself.
+        namespace: ROS namespace of the graph, by which the files' full names are judged.
     """
 
     robot_ip: str = ""
@@ -45,6 +50,7 @@ class RealOptions:
     speed: float | None = None
     dry_run: bool = False
     start: bool = False
+    namespace: str = ""
 
 
 def real_parameters(options: RealOptions) -> Parameters:
@@ -73,13 +79,13 @@ def given_parameters(options: RealOptions) -> Parameters:
     """The same, without asking for what is missing; for the doctor.
 
     Raises:
-        ParameterError: a file is missing, or names what nobody knows.
+        ParameterError: a file is missing, or has parameters that reach no node.
     """
     if options.backend not in BACKENDS:
         raise ParameterError("unknown backend", got=options.backend, allowed=", ".join(BACKENDS))
     result = read_parameters(config_file("real.yaml"))
     for file in options.files:
-        for node, values in _lab_file(file).items():
+        for node, values in lab_parameters(file, NODES, _OTHERS, options.namespace).items():
             result.setdefault(node, {}).update(values)
     _apply(result, options)
     return result
@@ -129,27 +135,7 @@ def robot_graph(options: RealOptions) -> NodeGraph:
     Raises:
         ParameterError: as `real_parameters`.
     """
-    return NodeGraph(NODES, real_parameters(options))
-
-
-def _lab_file(path: Path) -> Parameters:
-    known = config_file(path.name)
-    file = path if path.is_file() else known
-    if not file.is_file():
-        raise ParameterError(
-            "the parameter file does not exist",
-            got=str(path),
-            allowed="a file, or the name of one that comes with flowbothd_bringup, as fr3.yaml",
-        )
-    given = read_parameters(file)
-    unknown = sorted(set(given) - set(NODES))
-    if unknown:
-        raise ParameterError(
-            f"{path.name} has parameters of unknown nodes",
-            got=", ".join(unknown),
-            allowed=", ".join(NODES),
-        )
-    return given
+    return NodeGraph(NODES, real_parameters(options), namespace=options.namespace)
 
 
 def _apply(parameters: Parameters, options: RealOptions) -> None:

@@ -8,7 +8,7 @@ The camera's driver is started by the lab.
 
 from pathlib import Path
 
-from flowbothd_bringup.launching import RECORD, description, is_true
+from flowbothd_bringup.launching import NAMESPACE, RECORD, description, is_true
 from flowbothd_bringup.robot_graph import RealOptions, robot_graph
 
 ARGUMENTS = {
@@ -32,6 +32,7 @@ def _graph(values):
         speed=float(values["speed"]) if values["speed"] else None,
         dry_run=is_true(values["dry_run"]),
         start=is_true(values["start"]),
+        namespace=values[NAMESPACE],
     )
     return robot_graph(options)
 

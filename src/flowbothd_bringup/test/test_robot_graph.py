@@ -74,7 +74,7 @@ def test_force_limits_in_the_wrong_order_are_refused(lab: RealOptions, tmp_path:
 def test_unknown_nodes_and_files_are_refused(lab: RealOptions, tmp_path: Path) -> None:
     file = tmp_path / "wrong.yaml"
     write_parameters(file, {"bridge_node": {"seed": 1}})
-    with pytest.raises(ParameterError, match=r"unknown nodes.*bridge_node"):
+    with pytest.raises(ParameterError, match=r"of bridge_node reach no node"):
         real_parameters(replace(lab, files=(file,)))
     with pytest.raises(ParameterError, match="does not exist"):
         real_parameters(replace(lab, files=(tmp_path / "none.yaml",)))

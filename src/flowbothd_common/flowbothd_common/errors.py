@@ -36,6 +36,13 @@ class InvalidCloudError(FlowBotError):
     """A point cloud is empty, not finite, or has the wrong shape or fields."""
 
 
+class InvalidMessageError(FlowBotError, ValueError):
+    """A message is incomplete, not finite, of another size, order or frame, or stamped wrongly.
+
+    Such a message counts as not received.
+    """
+
+
 class FrameUnavailableError(FlowBotError):
     """A transform is missing, or a message is in a frame nobody has described."""
 

@@ -101,6 +101,17 @@ class RobotObservation:
     vacuum: bool = False
     vacuum_lost: bool = False
 
+    def problem(self) -> str:
+        """Return which values are not finite, in words; empty if all are."""
+        parts: dict[str, Array | float] = {
+            "time": self.time,
+            "joint positions": self.positions,
+            "joint velocities": self.velocities,
+            "wrench": 0.0 if self.wrench is None else self.wrench,
+        }
+        bad = [name for name, values in parts.items() if not np.isfinite(values).all()]
+        return f"{', '.join(bad)} not finite" if bad else ""
+
 
 @dataclass(frozen=True)
 class MotionResult:

@@ -37,6 +37,11 @@ class JointBuffer:
         self._given: tuple[str, ...] = ()
         self._order: list[int] = []
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Joints wanted, in order."""
+        return self._names
+
     def add(self, stamp: float, names: Sequence[str], positions: Sequence[float]) -> None:
         """Take in one joint state; a stamp before the last one starts the buffer anew.
 

@@ -6,12 +6,12 @@ import sys
 from dataclasses import replace
 from typing import Any
 
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from flowbothd_common.errors import SuctionError
 from flowbothd_common.ros import qos
 from flowbothd_common.ros.diagnostics import ERROR, OK, NodeStatus
+from flowbothd_common.ros.guard import Guard
 from flowbothd_common.ros.node_main import run_node
 from flowbothd_common.ros.parameters import declare
 from flowbothd_interfaces.msg import SuctionCommand, SuctionMeasurement
@@ -36,10 +36,10 @@ class PumpNode(Node):
         self._measurement = self.create_publisher(
             SuctionMeasurement, "suction/measurement", qos.STATE
         )
-        self.create_subscription(SuctionCommand, "suction/command", self._on_command, qos.COMMAND)
-        self._status = NodeStatus(self)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(1.0 / params.poll_rate, self._on_timer, clock=steady)
+        self._guard = guard = Guard(self, self._on_failure)
+        guard.subscribe(SuctionCommand, "suction/command", self._on_command, qos.COMMAND)
+        self._status = NodeStatus(self, guard)
+        guard.every(1.0 / params.poll_rate, self._on_timer)
 
     def destroy_node(self) -> None:
         """Release and switch off, whatever ends the node."""
@@ -47,6 +47,10 @@ class PumpNode(Node):
         self._pump.close()
         self._status.close()
         super().destroy_node()
+
+    def _on_failure(self, why: str) -> None:
+        """Report the failure as a fault of the pump, which keeps its last set-point."""
+        self._refused = why
 
     def _on_command(self, message: SuctionCommand) -> None:
         if not self._connection.made:

@@ -12,6 +12,7 @@ from trajectory_msgs.msg import JointTrajectory as JointTrajectoryMessage
 from flowbothd_common.motion import JointTrajectory
 from flowbothd_common.ros import qos
 from flowbothd_common.ros.conversions import to_trajectory
+from flowbothd_common.ros.guard import Guard
 from franka_suction_driver.execution.audit import AuditLog
 from franka_suction_driver.execution.executor import MotionExecutor
 from franka_suction_driver.params import SafetyParams
@@ -35,14 +36,17 @@ class SafetyServices:
         node: Serves on it.
         core: The motion core.
         stop: Stops what runs or is being planned, with a message; whether there was anything.
+        guard: Of the node's callbacks.
     """
 
-    def __init__(self, node: Node, core: MotionExecutor, stop: Callable[[str], bool]) -> None:
+    def __init__(
+        self, node: Node, core: MotionExecutor, stop: Callable[[str], bool], guard: Guard
+    ) -> None:
         self._node, self._core, self._stop = node, core, stop
         self._planned = node.create_publisher(JointTrajectoryMessage, "motion/planned", qos.LATCHED)
-        node.create_service(Trigger, "motion/stop", self._on_stop)
-        node.create_service(Trigger, "motion/halt", self._on_halt)
-        node.create_service(Trigger, "motion/release", self._on_release)
+        guard.serve(Trigger, "motion/stop", self._on_stop)
+        guard.serve(Trigger, "motion/halt", self._on_halt)
+        guard.serve(Trigger, "motion/release", self._on_release)
 
     def show(self, trajectory: JointTrajectory) -> None:
         """Publish what a dry run would have sent."""

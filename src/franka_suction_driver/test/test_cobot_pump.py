@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -149,6 +150,57 @@ def test_a_lost_link_is_a_fault_and_stop_is_called_nevertheless(bench: Bench) ->
     assert "does not answer" in bench.reads(lambda r: bool(r.fault), "the fault").fault
     bench.pump.close()
     assert bench.robot.names()[-2:] == ["drop_off", "stop"]
+
+
+def test_a_pump_whose_cable_is_back_obeys_again(bench: Bench) -> None:
+    """A pulled cable left the pump dead until pump_node was restarted, with the part at the cup."""
+    bench.robot.pump.sealed = True
+    bench.pump.command(60000.0)
+    bench.reads(lambda r: r.part_present, "the part")
+    bench.robot.unplug()
+    bench.reads(lambda r: "does not answer" in r.fault, "the loss")
+    bench.robot.plug_in()
+    bench.time += 10.0
+
+    def commanded_and_held() -> bool:
+        # suction_node repeats its command; what became of an earlier one nobody knows.
+        bench.pump.command(60000.0)
+        reading = bench.pump.reading()
+        return reading is not None and reading.part_present and not reading.fault
+
+    until(commanded_and_held, "the part, held again")
+    bench.robot.calls.clear()
+    bench.pump.command(0.0)
+    until(lambda: bench.robot.names() == ["drop_off", "stop"], "the release")
+    assert not bench.reads(lambda r: not r.part_present, "no part").fault
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), "no number"])
+def test_a_vacuum_that_is_no_number_is_no_reading(bench: Bench, value: Any) -> None:
+    """NaN is not above the threshold of a held part, and not below that of a release either."""
+    bench.robot.pump.sealed = True
+    bench.pump.command(60000.0)
+    bench.reads(lambda r: r.part_present, "the part")
+    bench.robot.pump.reported = value
+    reading = bench.reads(lambda r: bool(r.fault), "the fault")
+    assert reading.pressure == 0.0
+    assert not reading.part_present
+    bench.pump.command(0.0)
+    until(lambda: bench.robot.names()[-1] == "stop", "the stop after the release")
+    bench.robot.pump.reported = None
+    fault = bench.reads(lambda r: "is not released" in r.fault or "release" in r.fault, "the doubt")
+    assert not fault.part_present
+
+
+@pytest.mark.parametrize("vacuum", [float("nan"), float("inf"), float("-inf")])
+def test_a_command_that_is_no_number_is_refused(bench: Bench, vacuum: float) -> None:
+    """A command of NaN counted as a release, and one of infinity ended pump_node."""
+    bench.robot.pump.sealed = True
+    bench.pump.command(60000.0)
+    bench.reads(lambda r: r.part_present, "the part")
+    with pytest.raises(SuctionError, match="set-point"):
+        bench.pump.command(vacuum)
+    assert "drop_off" not in bench.robot.names()
 
 
 def test_every_exit_switches_the_pump_off(bench: Bench) -> None:

@@ -21,6 +21,7 @@ class Light(StrEnum):
     GREEN = "green"
     YELLOW = "yellow"
     RED = "red"
+    SKIPPED = "skipped"
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,7 @@ class Check:
 
     Attributes:
         name: What was looked at.
-        light: Green: well; yellow: works, but; red: will not work.
+        light: Green: well; yellow: works, but; red: will not work; skipped: was not looked at.
         found: What was found.
         remedy: What to do; empty for green.
     """
@@ -142,6 +143,14 @@ def judge_wrench(name: str, forces: Sequence[float]) -> Check:
             "move the arm away from a singularity (libfranka reports zeros there); remap the "
             "driver's wrench topic",
         )
+    finite = np.isfinite(forces)
+    if not finite.all():
+        return Check(
+            name,
+            Light.RED,
+            f"{int((~finite).sum())} of {len(forces)} forces are not finite",
+            "look for drop-outs in the sensor or its driver: such a wrench is never believed",
+        )
     force = float(np.median(forces))
     if force < 3.0:
         return Check(name, Light.GREEN, f"{force:.1f} N without contact")
@@ -183,7 +192,12 @@ def judge_nodes(expected: Sequence[str], said: dict[str, tuple[bool, str]]) -> l
 
 def as_text(checks: Sequence[Check], *, colour: bool) -> str:
     """The list for people, remedies below what they mend."""
-    marks = {Light.GREEN: ("ok ", "32"), Light.YELLOW: ("?  ", "33"), Light.RED: ("NO ", "31")}
+    marks = {
+        Light.GREEN: ("ok ", "32"),
+        Light.YELLOW: ("?  ", "33"),
+        Light.RED: ("NO ", "31"),
+        Light.SKIPPED: ("-  ", "2"),
+    }
     lines = []
     for check in checks:
         mark, code = marks[check.light]

@@ -8,15 +8,14 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import yaml
 from builtin_interfaces.msg import Time
 from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
 
-from flowbothd_common.parameter_files import flat_parameters
 from flowbothd_common.ros import clouds
 from flowbothd_common.types import Cloud
-from flowbothd_rosbag import about
+from flowbothd_rosbag.attached import stored_parameters, stored_weights
+from flowbothd_rosbag.lookup import topic_called
 from flowbothd_rosbag.metadata import BagError
 from flowbothd_rosbag.reader import Bag, Message, Span
 from flowbothd_rosbag.types_ros import message_class
@@ -37,27 +36,6 @@ def key(stamp: Time) -> Stamp:
 def seconds(stamp: Stamp) -> float:
     """The stamp as one number [s]."""
     return stamp[0] + 1e-9 * stamp[1]
-
-
-def topic_called(bag: Bag, name: str, kind: str = "") -> str | None:
-    """The topic of a recording that ends in a relative name; None if there is none.
-
-    Args:
-        bag: The recording.
-        name: Relative, such as ``policy/events``.
-        kind: Its type; a topic of another one is somebody else's. Empty = any.
-
-    Raises:
-        BagError: several, as of two robots in namespaces.
-    """
-    found = [
-        topic.name
-        for topic in bag.topics.values()
-        if topic.name.endswith(f"/{name}") and kind in ("", topic.type)
-    ]
-    if len(found) > 1:
-        raise BagError(f"{bag.path} has several topics called {name}", got=", ".join(found))
-    return found[0] if found else None
 
 
 def decoded(bag: Bag, message: Message) -> Any:
@@ -141,35 +119,9 @@ def read_story(bag: Bag, span: Span | None = None) -> Story:
         names[message.topic](decoded(bag, message))
     # Two threads of the recorder's middleware may have swapped neighbours; the numbers say how.
     story.inputs.sort(key=lambda m: m.sequence)
-    files = bag.attachments()
-    story.parameters = stored_parameters(files)
-    story.weights = _mapping(files, about.WEIGHTS)
+    story.parameters = stored_parameters(bag)
+    story.weights = stored_weights(bag)
     return story
-
-
-def stored_parameters(files: dict[str, bytes]) -> dict[str, dict[str, Any]]:
-    """Node -> parameter -> value from the files of a recording; empty if they are not in it.
-
-    Raises:
-        BagError: they are not what the recorder writes.
-    """
-    content = _mapping(files, about.PARAMETERS)
-    return {
-        node.rsplit("/", maxsplit=1)[-1]: flat_parameters(entry["ros__parameters"])
-        for node, entry in content.items()
-        if isinstance(entry, dict) and isinstance(entry.get("ros__parameters"), dict)
-    }
-
-
-def _mapping(files: dict[str, bytes], name: str) -> dict[str, Any]:
-    try:
-        content = yaml.safe_load(files.get(name, b"")) or {}
-    except yaml.YAMLError as error:
-        first = str(error).splitlines()[0]
-        raise BagError(f"{name} in the recording is damaged", got=first) from error
-    if not isinstance(content, dict):
-        raise BagError(f"{name} in the recording is not what `flowbothd record` writes")
-    return content
 
 
 def _points(message: Any) -> Cloud:

@@ -92,9 +92,9 @@ class RunView:
         self._style()
 
     @property
-    def topics(self) -> tuple[str, ...]:
-        """Ends of the names of topics that are shown."""
-        return tuple(self._handlers)
+    def topics(self) -> tuple[tuple[str, str], ...]:
+        """Ends of the names of topics that are shown, and their types."""
+        return tuple(_TYPES.items())
 
     def wants(self, topic: str, kind: str) -> bool:
         """Whether a topic of a type is shown."""

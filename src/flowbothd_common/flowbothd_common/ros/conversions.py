@@ -92,7 +92,7 @@ def from_arc(message: JointArcMessage) -> JointArc | None:
     """The arc, or None for kind NONE.
 
     Raises:
-        MotionRejectedError: an unknown kind, or an axis without length.
+        MotionRejectedError: an unknown kind, an axis without length, or a point that is not finite.
     """
     if message.kind == JointArcMessage.NONE:
         return None
@@ -102,7 +102,10 @@ def from_arc(message: JointArcMessage) -> JointArc | None:
         axis = unit(from_xyz(message.axis))
     except ValueError as error:
         raise MotionRejectedError(f"arc without an axis: {error}") from error
-    return JointArc(_ARC_KINDS[message.kind], axis, from_xyz(message.point))
+    point = from_xyz(message.point)
+    if not np.isfinite(point).all():
+        raise MotionRejectedError("point of the arc is not finite", got=point.tolist())
+    return JointArc(_ARC_KINDS[message.kind], axis, point)
 
 
 def checked_direction(message: Vector3) -> Array:

@@ -1,7 +1,8 @@
 """A recording stand-in for panda-python with the real one's semantics, traps included.
 
 It serves the tests and rehearsals without a robot (`backend: recording`). Everything that the
-backends call is here, behaves as facts about the real library say, and is written to `calls`.
+backends call is here, behaves as facts about the real library say, and is written to `calls`;
+reads and targets are not, since they come hundreds of times a second.
 """
 
 from __future__ import annotations
@@ -17,12 +18,15 @@ from typing import Any
 import numpy as np
 
 from flowbothd_common.types import Array
+from franka_suction_driver.backends.recording_modes import (
+    NO_ANSWER,
+    TCP_LOST,
+    UDP_LOST,
+    RobotMode,
+)
+from franka_suction_driver.backends.recording_panda import JointPosition, Panda
 
 START = (0.0, -np.pi / 4, 0.0, -3 * np.pi / 4, 0.0, np.pi / 2, np.pi / 4)
-ERRORS = ("cartesian_reflex", "joint_reflex", "communication_constraints_violation")
-RobotMode = Enum(
-    "RobotMode", "kOther kIdle kMove kGuiding kReflex kUserStopped kAutomaticErrorRecovery", start=0
-)
 DeviceStatus = Enum("DeviceStatus", "kGreen kYellow kOrange kRed", start=0)
 
 
@@ -42,6 +46,13 @@ class RecordingRobot:
         q: (7,) where the arm is; follows its targets exactly while `follows`.
         wrench: (6,) O_F_ext_hat_K: by the robot on the environment; zeros near a singularity.
         tip: (4, 4) O_T_EE, unless `fk` is set, which tells it from q.
+        reports: Fields of the state that are reported instead of the true ones.
+        recovers: The automatic recovery succeeds; otherwise it asks for a manual one.
+        refusal: Raised to whoever connects.
+        on_call: Name of a call -> what happens, once, when it is made next.
+        stopped_at: Speed at which the controller was stopped last [rad/s].
+        crash: What would have ended the process without a Python exception; empty if nothing.
+        clock: Steady time [s]; the library's.
         pump: State of the pump.
     """
 
@@ -57,9 +68,18 @@ class RecordingRobot:
         self.follows = True
         self.tip: Array = np.eye(4)
         self.fk: Callable[[Array], Array] | None = None
+        self.reports: dict[str, Any] = {}
         self.pump = PumpState()
         self.controller: Any = None
         self.pending: RuntimeError | None = None
+        self.clock: Callable[[], float] = time.monotonic
+        self.plugged = True
+        self.session = 0
+        self.unplugged_at = 0.0
+        self.loss_raised = False
+        self.on_call: dict[str, Callable[[], None]] = {}
+        self.stopped_at = 0.0
+        self.crash = ""
 
     def note(self, name: str, *arguments: Any) -> None:
         """Write down a call."""
@@ -69,11 +89,41 @@ class RecordingRobot:
         """Names of all calls, in order."""
         return [name for name, _ in self.calls]
 
+    def arrive(self, name: str) -> None:
+        """Let a call begin; something may happen to the robot at this very moment."""
+        happens = self.on_call.pop(name, None)
+        if happens is not None:
+            happens()
+
     def reflex(self, error: str) -> None:
-        """The robot stops itself; the control thread keeps the exception until it is asked."""
+        """Stop by a reflex; the control thread keeps the exception until it is asked."""
+        moved = self.controller is not None
         self.mode, self.errors = RobotMode.kReflex, {error}
-        self.controller = None
-        self.pending = RuntimeError(f'libfranka: Move command aborted: ["{error}"]')
+        self._halt()
+        if moved:
+            self.pending = RuntimeError(
+                f'libfranka: Move command aborted: motion aborted by reflex! ["{error}"]'
+            )
+
+    def press_user_stop(self) -> None:
+        """Stop by the button; no command and no recovery ends this."""
+        moved = self.controller is not None
+        self.mode = RobotMode.kUserStopped
+        self._halt()
+        if moved:
+            self.pending = RuntimeError("libfranka: Move command aborted: User Stop pressed!")
+
+    def unplug(self) -> None:
+        """Pull the cable: connections die, and a robot that was moved stops by a reflex."""
+        self.plugged, self.session = False, self.session + 1
+        self.unplugged_at, self.loss_raised, self.pending = self.clock(), False, None
+        if self.controller is not None:
+            self.mode, self.errors = RobotMode.kReflex, {"communication_constraints_violation"}
+        self._halt()
+
+    def plug_in(self) -> None:
+        """Put the cable back: new connections are possible, old ones stay dead."""
+        self.plugged = True
 
     def raise_pending(self) -> None:
         """Raise the stored error; only once."""
@@ -81,14 +131,9 @@ class RecordingRobot:
         if error is not None:
             raise error
 
-    def recover(self) -> None:
-        """What Panda.recover and every start of a controller do; nothing on a user stop."""
-        if self.mode is RobotMode.kUserStopped:
-            return
-        if self.errors or self.mode in (RobotMode.kReflex, RobotMode.kOther):
-            self.note("automatic_error_recovery")
-            if self.recovers:
-                self.errors, self.mode = set(), RobotMode.kIdle
+    def _halt(self) -> None:
+        self.controller = None
+        self.dq = np.zeros(7)
 
 
 class PumpState:
@@ -100,6 +145,7 @@ class PumpState:
         part_present_mbar: H2: above it a part counts as present.
         hold: While clear, `vacuum` blocks; None = it returns at once.
         lost: Raised by every call.
+        reported: Vacuum that is reported instead of the true one [mbar].
     """
 
     def __init__(self) -> None:
@@ -113,6 +159,7 @@ class PumpState:
         self.hold: threading.Event | None = None
         self.lost: RuntimeError | None = None
         self.stuck = False
+        self.reported: Any = None
 
     def vacuum_mbar(self) -> int:
         """Vacuum at the cup now."""
@@ -138,9 +185,10 @@ class RecordingLibrary:
     ) -> None:
         self.robot = robot or RecordingRobot()
         robot = self.robot
-        self.Panda = lambda hostname: _Panda(robot, hostname, sleep)
+        robot.clock = clock
+        self.Panda = lambda hostname: Panda(robot, hostname, sleep)
         self.controllers = SimpleNamespace(
-            JointPosition=lambda stiffness, damping: _JointPosition(robot)
+            JointPosition=lambda stiffness, damping: JointPosition(robot)
         )
         self.libfranka = SimpleNamespace(
             VacuumGripper=lambda address: _VacuumGripper(robot, address, clock),
@@ -150,87 +198,6 @@ class RecordingLibrary:
         )
 
 
-class _JointPosition:
-    def __init__(self, robot: RecordingRobot) -> None:
-        self._robot = robot
-        self.position: Array = robot.q.copy()
-        self.velocity: Array = np.zeros(7)
-
-    def set_control(self, position: Array, velocity: Array) -> None:
-        self.position, self.velocity = np.array(position), np.array(velocity)
-        robot = self._robot
-        if robot.controller is self and robot.follows:
-            robot.q, robot.dq = self.position, self.velocity
-
-
-class _Context:
-    def __init__(self, robot: RecordingRobot, period: float, sleep: Callable[[float], None]):
-        self._robot, self._period, self._sleep = robot, period, sleep
-
-    def __enter__(self) -> _Context:
-        return self
-
-    def ok(self) -> bool:
-        self._sleep(self._period)
-        self._robot.raise_pending()
-        return self._robot.controller is not None
-
-
-class _Panda:
-    def __init__(self, robot: RecordingRobot, hostname: str, sleep: Callable[[float], None]):
-        robot.note("Panda", hostname)
-        if robot.refusal is not None:
-            raise robot.refusal
-        self._robot, self._sleep = robot, sleep
-        self._cached = self._read()
-
-    def _read(self) -> Any:
-        robot = self._robot
-        return SimpleNamespace(
-            q=robot.q.tolist(),
-            dq=robot.dq.tolist(),
-            O_F_ext_hat_K=robot.wrench.tolist(),
-            O_T_EE=(robot.tip if robot.fk is None else robot.fk(robot.q)).T.ravel().tolist(),
-            EE_T_K=np.eye(4).ravel().tolist(),
-            robot_mode=robot.mode,
-            current_errors=SimpleNamespace(**{n: n in robot.errors for n in ERRORS}),
-        )
-
-    def get_state(self) -> Any:
-        # A running controller refreshes the copy; without one it is as old as the last refresh.
-        if self._robot.controller is not None:
-            self._cached = self._read()
-        return self._cached
-
-    def refresh_state(self) -> None:
-        self._cached = self._read()
-
-    def get_robot(self) -> Any:
-        return SimpleNamespace(
-            set_collision_behavior=lambda *a: self._robot.note("set_collision_behavior", *a)
-        )
-
-    def start_controller(self, controller: _JointPosition) -> None:
-        self._robot.recover()
-        self._robot.note("start_controller")
-        if self._robot.mode is RobotMode.kUserStopped:
-            raise RuntimeError("libfranka: command rejected: user stop")
-        self._robot.mode, self._robot.controller = RobotMode.kMove, controller
-
-    def stop_controller(self) -> None:
-        self._robot.note("stop_controller")
-        self._robot.controller = None
-        if self._robot.mode is RobotMode.kMove:
-            self._robot.mode = RobotMode.kIdle
-
-    def recover(self) -> None:
-        self._robot.note("recover")
-        self._robot.recover()
-
-    def create_context(self, frequency: float) -> _Context:
-        return _Context(self._robot, 1.0 / frequency, self._sleep)
-
-
 class _VacuumGripper:
     """Its calls block as the real ones do; the set-point is in 10 mbar, the state in mbar."""
 
@@ -238,7 +205,9 @@ class _VacuumGripper:
         robot.note("VacuumGripper", address)
         if robot.refusal is not None:
             raise robot.refusal
-        self._robot, self._clock = robot, clock
+        if not robot.plugged:
+            raise RuntimeError(NO_ANSWER)
+        self._robot, self._clock, self._session = robot, clock, robot.session
 
     def vacuum(self, vacuum: int, timeout: timedelta, profile: int = 0) -> bool:
         pump = self._pump("vacuum", vacuum, timeout, profile)
@@ -267,7 +236,7 @@ class _VacuumGripper:
         pump.held = present
         level = pump.vacuum_mbar()
         return SimpleNamespace(
-            vacuum=level,
+            vacuum=level if pump.reported is None else pump.reported,
             in_control_range=bool(pump.setpoint_mbar) and level >= pump.setpoint_mbar,
             part_present=present,
             part_detached=pump.detached,
@@ -278,6 +247,8 @@ class _VacuumGripper:
     def _pump(self, name: str = "", *arguments: Any) -> PumpState:
         if name:
             self._robot.note(name, *arguments)
+        if not self._robot.plugged or self._session != self._robot.session:
+            raise RuntimeError(TCP_LOST if name else UDP_LOST)
         if self._robot.pump.lost is not None:
             raise self._robot.pump.lost
         return self._robot.pump

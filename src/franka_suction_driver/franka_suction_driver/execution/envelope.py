@@ -70,13 +70,23 @@ class Envelope:
             return
         low, high = self._box
         contact = np.asarray(goal.contact, dtype=float)
-        if (contact < low).any() or (contact > high).any():
+        if not ((contact >= low).all() and (contact <= high).all()):
             raise MotionRejectedError(
                 "the contact lies outside the workspace box",
                 got=np.round(contact, 3).tolist(),
                 allowed=f"{low.tolist()} .. {high.tolist()} m",
                 hint="move the object, or change safety.workspace_min and workspace_max",
             )
+
+    def check_observation(self, observation: RobotObservation) -> None:
+        """Refuse to begin from values that are not finite.
+
+        Raises:
+            MotionRejectedError: some are; it says which.
+        """
+        problem = observation.problem()
+        if problem:
+            raise MotionRejectedError(f"cannot move: {problem}")
 
     def leaves(self, trajectory: JointTrajectory, start: JointState) -> str:
         """Where a trajectory takes the tip out of the box, in words, or nothing.
@@ -103,7 +113,7 @@ class Envelope:
         """What in an observation must end any motion; a force latches the stop as well."""
         params = self._params
         force = 0.0 if seen.wrench is None else float(np.linalg.norm(seen.wrench[:3]))
-        if force > params.force_limit:
+        if not force <= params.force_limit:
             message = (
                 f"{force:.0f} N on the tool (safety.force_limit {params.force_limit:.0f} N): look "
                 "what it touches, free it, then call motion/release"
