@@ -1,4 +1,4 @@
-"""Documentation that a reader can follow: links, pages named in messages, paths named in the code map."""
+"""Documentation that a reader can follow: links, pages named in messages, paths of the code."""
 
 import re
 import subprocess

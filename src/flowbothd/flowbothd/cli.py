@@ -61,7 +61,7 @@ COMMANDS = (
     Command(
         "replay",
         "flowbothd.replay.replay_command",
-        "play a recording to nodes, or compute nodes anew on it and compare",
+        "play a recording to nodes, or recompute their output and compare",
         (
             "flowbothd replay out/demo/bag --rate 2 --from 5 --to 20",
             "flowbothd replay out/demo/bag --recompute policy",
@@ -97,7 +97,7 @@ COMMANDS = (
     Command(
         "doctor",
         "flowbothd.doctor.doctor",
-        "check robot, pump, camera and calibration; says how to mend what is red",
+        "check robot, pump, camera and calibration; says how to fix failed checks",
         ("flowbothd doctor --robot 172.16.0.2 --params lab.yaml",),
     ),
     Command(

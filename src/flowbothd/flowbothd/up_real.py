@@ -77,7 +77,7 @@ def run(arguments: argparse.Namespace) -> int:
             f"backend {options.backend}, speed {100 * float(motion['safety.speed_scale']):.0f} %"
             f"{', DRY RUN' if motion.get('safety.dry_run') else ''}; "
             "stop with motion/halt or the user stop; "
-            f"`flowbothd doctor --domain {arguments.domain}` tells what is missing; Ctrl-C ends.\n"
+            f"`flowbothd doctor --domain {arguments.domain}` lists what is missing; Ctrl-C ends.\n"
         )
         sys.stdout.flush()
         code = run_graph(graph.processes(file), environment)

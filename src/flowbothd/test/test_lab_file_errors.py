@@ -1,4 +1,4 @@
-"""What is wrong with a lab's file is said in one line, before any node starts."""
+"""Errors in a lab's file are reported in one line, before any node starts."""
 
 from __future__ import annotations
 

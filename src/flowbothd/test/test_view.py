@@ -1,4 +1,4 @@
-"""What people look at: Rerun files, report pages, shell completion."""
+"""Output for people: Rerun files, report pages, shell completion."""
 
 from __future__ import annotations
 
@@ -116,7 +116,7 @@ def test_a_recording_becomes_a_rerun_file_with_everything_in_it(bag, tmp_path):
 
 
 def listed(file):
-    """What `rerun rrd print` tells of a file."""
+    """Output of `rerun rrd print` for a file."""
     tool = Path(sys.executable).with_name("rerun")
     command = [str(tool), "rrd", "print", str(file)]
     return subprocess.run(command, capture_output=True, text=True, check=True).stdout

@@ -30,7 +30,7 @@ _CALIBRATION = ("camera.position", "camera.quaternion")
 
 @dataclass(frozen=True)
 class RealOptions:
-    """What is said on the command line.
+    """Options of the command line.
 
     Attributes:
         robot_ip: Address of the control unit.
@@ -64,9 +64,9 @@ def real_parameters(options: RealOptions) -> Parameters:
     missing = missing_parameters(result)
     if missing:
         raise ParameterError(
-            "parameters that nobody can guess are missing",
+            "required parameters are missing",
             got=", ".join(missing),
-            hint="write them into a file and give it with --params; docs/tutorials/own_robot.md has one",
+            hint="write them into a file for --params; docs/tutorials/own_robot.md has one",
         )
     result["motion_node"].setdefault(
         "camera_position", result["perception_node"]["camera.position"]
@@ -92,7 +92,7 @@ def given_parameters(options: RealOptions) -> Parameters:
 
 
 def missing_parameters(parameters: Parameters) -> list[str]:
-    """What a lab must give and has not."""
+    """Required parameters that the lab has not given."""
     missing = [
         f"perception_node {name}"
         for name in _CALIBRATION

@@ -2,8 +2,8 @@
 
     ros2 launch flowbothd_bringup real.launch.py robot:=172.16.0.2 params:=lab.yaml dry_run:=true
 
-It starts the same nodes with the same parameters as `flowbothd up real`; see docs/tutorials/own_robot.md.
-The camera's driver is started by the lab.
+It starts the same nodes with the same parameters as `flowbothd up real`; see
+docs/tutorials/own_robot.md. The camera's driver is started by the lab.
 """
 
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What is asked of the arm and what comes back: goals, trajectories, observations, results."""
+"""Goals given to the arm and what it returns: trajectories, observations, results."""
 
 from __future__ import annotations
 
@@ -82,7 +82,7 @@ class JointTrajectory:
 
 @dataclass(frozen=True)
 class RobotObservation:
-    """What is measured of the robot at one instant.
+    """Measurements of the robot at one instant.
 
     Attributes:
         time: Node clock [s].

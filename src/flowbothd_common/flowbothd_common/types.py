@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from flowbothd_common.errors import InvalidCloudError
 
 Array = NDArray[np.float64]
-"""Any float64 array; shapes are told in docstrings."""
+"""Any float64 array; shapes are given in docstrings."""
 
 Cloud = NDArray[np.float32]
 """Points or flows, (N, 3) float32."""
@@ -70,7 +70,7 @@ class History:
 
 
 class Outcome(StrEnum):
-    """How a run ended; one vocabulary for policy, demo and evaluation."""
+    """Outcome of a run; one vocabulary for policy, demo and evaluation."""
 
     OPENED = "opened"
     NOT_OPENED = "not_opened"
@@ -83,7 +83,7 @@ class Outcome(StrEnum):
 
 
 class ArcKind(StrEnum):
-    """What kind of motion a part is thought to make."""
+    """Kind of motion that a part is estimated to make."""
 
     LINE = "line"
     ARC = "arc"
@@ -116,7 +116,7 @@ class SuctionPhase(StrEnum):
 
 @dataclass(frozen=True)
 class SuctionReading:
-    """What the pump measures.
+    """Measurement of the pump.
 
     Attributes:
         pressure: Vacuum below ambient, >= 0 [Pa].

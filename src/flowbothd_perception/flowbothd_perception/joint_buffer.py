@@ -43,7 +43,7 @@ class JointBuffer:
         return self._names
 
     def add(self, stamp: float, names: Sequence[str], positions: Sequence[float]) -> None:
-        """Take in one joint state; a stamp before the last one starts the buffer anew.
+        """Take in one joint state; a stamp before the last one empties the buffer.
 
         Raises:
             KeyError: a wanted joint is missing; the message lists which.
@@ -69,7 +69,7 @@ class JointBuffer:
             del self._stamps[: self._length // 2], self._positions[: self._length // 2]
 
     def reaches(self, stamp: float) -> bool:
-        """Whether states new enough for `stamp` have arrived; if not, it may pay to wait."""
+        """Return True if states new enough for `stamp` have arrived; if not, waiting may help."""
         return bool(self._stamps) and self._stamps[-1] + self._reach >= stamp
 
     def at(self, stamp: float) -> tuple[Array | None, str]:

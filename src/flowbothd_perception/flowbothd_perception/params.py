@@ -35,7 +35,7 @@ class CropParams:
 
 @dataclass(frozen=True)
 class RobotFilterParams:
-    """How points on the robot are told from points on the object."""
+    """Separation of points on the robot from points on the object."""
 
     padding: float = parameter(
         0.02, "distance from a link within which points are the robot's [m]", minimum=0.0
@@ -145,7 +145,7 @@ class PipelineParams:
 
 @dataclass(frozen=True)
 class CameraParams:
-    """Where the camera is; calibrated, never guessed."""
+    """Pose and topics of the camera; the pose is calibrated, never guessed."""
 
     position: tuple[float, ...] = parameter(
         (), "position of the optical frame in base [m], 3 values; required", element=float

@@ -1,4 +1,4 @@
-"""The whole way from a frame to the object cloud."""
+"""All stages from a frame to the object cloud."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _Mask = NDArray[np.bool_]
 
 
 class Verdict(IntEnum):
-    """What a pixel was taken for."""
+    """Class that a pixel was assigned to."""
 
     OUTSIDE = 0
     """Nothing measured, or outside the workspace."""

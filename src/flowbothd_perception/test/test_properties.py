@@ -1,4 +1,4 @@
-"""What holds for every frame: any scene, mount and arm pose, in every form of input."""
+"""Invariants of every frame: any scene, mount and arm pose, in every form of input."""
 
 from dataclasses import dataclass, replace
 from itertools import pairwise

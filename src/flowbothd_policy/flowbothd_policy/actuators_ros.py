@@ -77,7 +77,7 @@ class Actuators:
         self._request_number = 0
 
     def missing(self) -> list[str]:
-        """Names of services and actions that nobody serves."""
+        """Names of services and actions that are not served."""
         services = {
             "motion/stop": self._stop.service_is_ready(),
             "suction/set": self._suction.service_is_ready(),

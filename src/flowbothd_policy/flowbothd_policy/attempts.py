@@ -1,4 +1,4 @@
-"""How attempts end: failure, release, retreat, another look, the end of the run."""
+"""End of an attempt: failure, release, retreat, another look, the end of the run."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def approach(turn: Turn, choice: Choice, reason: str) -> None:
 
 
 def may_contact(turn: Turn) -> bool:
-    """Whether another contact is within the allowed number."""
+    """Return True if another contact is within the allowed number."""
     return turn.state.grasps <= turn.params.max_recontacts
 
 

@@ -108,7 +108,7 @@ def leverage_gain(turn: Turn, choice: Choice) -> float:
     """Flow norm that the chosen grasp has more than the present one.
 
     The arm hides the very spot that it holds, so the visible point nearest to the cup may belong
-    to the frame; then the fitted rigid motion tells the flow at the cup.
+    to the frame; then the fitted rigid motion gives the flow at the cup.
     """
     grasp, observation = choice.grasp, turn.state.observation
     if observation is None:

@@ -1,4 +1,4 @@
-"""What the policy asks for, and the record of why."""
+"""Commands of the policy, and the record of its reasons."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the policy takes in, as messages: published by its node, read back by whoever replays it."""
+"""Events of the policy as messages: published by its node, read back by a replay."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ _OPENED = {True: 1, False: 0, None: -1}
 
 
 def phase_of(state: int) -> SuctionPhase:
-    """The phase that a SuctionState names; a state nobody knows is a fault."""
+    """The phase that a SuctionState names; an unknown state is a fault."""
     return _PHASES.get(state, SuctionPhase.FAULT)
 
 
 class Sights(Protocol):
-    """Where arrays come from that a PolicyInput only names."""
+    """Source of the arrays that a PolicyInput refers to."""
 
     def cloud(self, stamp: Time) -> Cloud:
         """(N, 3) float32 points of the object cloud with this stamp."""
@@ -72,10 +72,10 @@ def to_input_message(event: Event, header: Header, sequence: int) -> PolicyInput
 
 
 def from_input_message(message: PolicyInput, sights: Sights) -> Event:
-    """The event that a PolicyInput tells of.
+    """The event in a PolicyInput.
 
     Raises:
-        KeyError: an event that nobody knows.
+        KeyError: an unknown event.
     """
     stamp = message.cloud_stamp
     if message.event == NAMES[CloudArrived]:
@@ -129,10 +129,10 @@ class InputLog:
         self._sequence = 0
 
     def note(self, event: Event) -> tuple[Event, float]:
-        """Publish an event; returns event and time [s] as whoever reads the message gets them.
+        """Publish an event; returns event and time [s] as a reader of the message gets them.
 
         The policy has to take these and not its own: a pose loses its last bits on the way
-        through a quaternion, and the policy would not be told the same again from a bag.
+        through a quaternion, and a bag would not give the policy the same values again.
         """
         stamp = self._node.get_clock().now().to_msg()
         header = Header(stamp=stamp, frame_id=self._base_frame)

@@ -1,4 +1,4 @@
-"""How far the part has been opened, judged by the path of the tool while it held it."""
+"""Opening of the part, estimated from the path of the tool while it held the part."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class Travel:
 
 @dataclass(frozen=True)
 class Opening:
-    """How far the part is open.
+    """Opening of the part.
 
     Attributes:
         kind: Line or arc.
@@ -129,12 +129,12 @@ def fit_path(points: tuple[Array, ...]) -> PathFit | None:
 
 
 def judge_opening(travel: Travel, params: OpeningParams) -> Opening:
-    """How far open the part is.
+    """Estimate how far the part is open.
 
     The path itself decides between line and arc as soon as it bends by more than three times its
     noise; until then the rigid motion fitted to the prediction does, unless the straightness of
     the path contradicts it. The angle is summed over the steps' chords, so it needs the radius
-    alone and adds up over several grasps, unless the pull tells that the part moved in between.
+    alone and adds up over several grasps, unless the pull shows that the part moved in between.
     """
     moved = [k for k, segment in enumerate(travel.segments) if len(segment.points) > 1]
     if not moved:
@@ -176,7 +176,7 @@ def _chords(segment: Segment) -> Array:
 def _opening_at_contact(first: Segment, segment: Segment, so_far: float) -> float:
     """Angle at which a hinged part was when a grasp began.
 
-    The pull turns with the part, so it tells where the part has gone since the first pull that
+    The pull turns with the part, so it shows how far the part has moved since the first pull that
     moved it: a lid falls back when it is let go, a door swings on. Differences as small as the
     predictions' own error are ignored in favour of what was measured.
     """

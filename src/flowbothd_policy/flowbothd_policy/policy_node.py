@@ -166,7 +166,7 @@ class PolicyNode(Node):
         return response
 
     def _missing(self) -> list[str]:
-        """What cannot be relied on now, in words."""
+        """Inputs and peers that are missing now, in words."""
         # Without the growing age of a silence: what is said changes only with what is missing.
         peers = [f"{name} ({why.split(' for ')[0]})" for name, why in self._peers.missing().items()]
         return peers or self._actuators.missing()
@@ -192,7 +192,7 @@ class PolicyNode(Node):
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the node until it is told to stop."""
+    """Run the node until it is stopped."""
     return run_node(PolicyNode, args)
 
 

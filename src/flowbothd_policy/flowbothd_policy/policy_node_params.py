@@ -10,7 +10,7 @@ from flowbothd_policy.params import PolicyParams
 
 @dataclass(frozen=True)
 class PolicyNodeParams(PolicyParams):
-    """What the policy decides by, and whom the node relies on."""
+    """Parameters of the policy, and the nodes that it relies on."""
 
     base_frame: str = parameter("panda_link0", "frame of clouds, goals and decisions")
     autostart: bool = parameter(False, "start a run as soon as everything is there")

@@ -61,7 +61,7 @@ def test_same_seed_same_decisions(make_door, drive):
 
 
 def test_recorded_events_give_the_same_decisions_again(make_door, drive):
-    """What a bag holds is enough: no clock, no randomness, no world behind the replay."""
+    """A bag is enough for a replay: no clock, no randomness, no world behind the replay."""
     params = PolicyParams(seed=4)
     run = drive(make_door("pull_right", seed=4), params, AMBIGUOUS)
     state, again = PolicyState(), []

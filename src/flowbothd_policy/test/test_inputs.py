@@ -1,4 +1,4 @@
-"""What the policy takes is what its log says: every event survives the way through its message."""
+"""The policy processes what its log contains: every event survives conversion to a message."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the bridge publishes, and when."""
+"""Publishers of the bridge and their rates."""
 
 from __future__ import annotations
 
@@ -50,9 +50,9 @@ class BridgeOutputs:
 
         Args:
             session: World and camera.
-            vacuum: What the pump was told [Pa].
+            vacuum: Commanded set-point of the pump [Pa].
             factor: Real-time factor.
-            holding: The arm holds because nobody commands it.
+            holding: The arm holds because no commands arrive.
         """
         params = self._params
         step = params.arm.time_step

@@ -65,7 +65,7 @@ class CupParams:
 
 @dataclass(frozen=True)
 class SurfaceHit:
-    """Where a ray met something: a body and link id, point and outward normal, (3,) in base."""
+    """Hit of a ray: a body and link id, point and outward normal, (3,) in base."""
 
     body: int
     link: int
@@ -74,7 +74,7 @@ class SurfaceHit:
 
 
 class Surroundings(Protocol):
-    """What the cup can feel; implemented by the physics world."""
+    """Physics around the cup; implemented by the world."""
 
     def cast(self, starts: Array, ends: Array) -> Sequence[SurfaceHit | None]:
         """First hit of each of (R, 3) rays that is not the robot's own."""
@@ -101,7 +101,7 @@ class CupForce:
 
 @dataclass(frozen=True)
 class _Hold:
-    """What is held: the link, and in its frame the anchor of the spring and the outward normal."""
+    """Held part: the link, and in its frame the anchor of the spring and the outward normal."""
 
     body: int
     link: int
@@ -162,7 +162,7 @@ class SuctionCup:
         return self._shear
 
     def reading(self) -> SuctionReading:
-        """What the pump measures."""
+        """Measurement of the pump."""
         enough = self._pressure >= self.params.present_fraction * max(self._vacuum, 1.0)
         return SuctionReading(self._pressure, self.attached and enough, self._detached)
 
@@ -196,7 +196,7 @@ class SuctionCup:
         self._pressure += (goal - self._pressure) * (1.0 - float(np.exp(-dt / constant)))
 
     def _look(self, tip: Array, world: Surroundings) -> tuple[SurfaceHit | None, float]:
-        """What lies before the middle of the lip, and its distance [m], negative if pressed in."""
+        """Surface in front of the lip's centre and its distance [m], negative if pressed in."""
         axis, middle = tip[:3, 2], tip[:3, 3]
         start = middle - self.params.reach * axis
         end = middle + self.params.attach_gap * axis

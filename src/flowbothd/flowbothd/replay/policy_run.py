@@ -26,7 +26,7 @@ from flowbothd_rosbag.metadata import BagError
 
 
 class Source(Protocol):
-    """Where clouds and predictions come from: the recording, or a computation."""
+    """Source of clouds and predictions: the recording, or a computation."""
 
     def cloud(self, stamp: Stamp) -> Cloud:
         """(N, 3) float32 points of the object cloud with this stamp."""
@@ -41,7 +41,7 @@ Sample = tuple[Cloud, NDArray[np.float32]]
 
 
 class _Sights:
-    """What the inputs name, from a source."""
+    """Arrays that the inputs refer to, from a source."""
 
     def __init__(self, source: Source) -> None:
         self._source = source
@@ -113,7 +113,7 @@ def compare_decisions(story: Story, decisions: Sequence[Decision]) -> Comparison
 
 
 def gaps(story: Story) -> list[str]:
-    """What is missing of the inputs, for people."""
+    """Describe what is missing from the inputs."""
     numbers = [m.sequence for m in story.inputs]
     if not numbers:
         return [

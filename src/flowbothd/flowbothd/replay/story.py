@@ -1,4 +1,4 @@
-"""What a recording tells of a run: inputs, decisions, clouds, predictions, parameters."""
+"""Contents of a recorded run: inputs, decisions, clouds, predictions, parameters."""
 
 from __future__ import annotations
 

@@ -97,7 +97,7 @@ class RunView:
         return tuple(_TYPES.items())
 
     def wants(self, topic: str, kind: str) -> bool:
-        """Whether a topic of a type is shown."""
+        """Return True if a topic of this type is shown."""
         name = self._name(topic)
         return name is not None and kind == _TYPES[name]
 

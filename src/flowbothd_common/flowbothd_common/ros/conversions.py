@@ -207,7 +207,7 @@ def from_trajectory(message: JointTrajectoryMessage) -> JointTrajectory:
     def rows(name: str) -> Array:
         values = [list(getattr(point, name)) for point in points]
         lengths = {len(row) for row in values}
-        # Ragged rows keep a shape that matches nothing: whoever follows then says what is wrong.
+        # Ragged rows keep a shape that matches nothing, so the next check reports them.
         return np.array(values) if len(lengths) == 1 else np.full((len(values), 0), np.nan)
 
     return JointTrajectory(
