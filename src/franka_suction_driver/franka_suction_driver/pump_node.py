@@ -72,7 +72,7 @@ class PumpNode(Node):
             return
         fault = self._refused or reading.fault
         message = SuctionMeasurement(
-            pressure=float(reading.pressure),
+            vacuum=float(reading.vacuum),
             in_control_range=reading.in_control_range,
             part_present=reading.part_present,
             part_detached=reading.part_detached,

@@ -66,7 +66,7 @@ def test_pascal_become_units_of_ten_millibar_and_back(bench: Bench) -> None:
     assert arguments[0] == 60
     assert isinstance(arguments[0], int)
     reading = bench.reads(lambda r: r.part_present, "the part")
-    assert reading.pressure == 60000.0
+    assert reading.vacuum == 60000.0
 
 
 def test_set_points_that_could_never_hold_a_part_are_refused(bench: Bench) -> None:
@@ -109,7 +109,7 @@ def test_a_release_is_verified_and_the_command_ended(bench: Bench) -> None:
     bench.pump.command(0.0)
     bench.reads(lambda r: not r.part_present, "the release")
     until(lambda: bench.robot.names()[-2:] == ["drop_off", "stop"], "the stop after the release")
-    assert bench.reads(lambda r: r.pressure == 0.0, "no vacuum").fault == ""
+    assert bench.reads(lambda r: r.vacuum == 0.0, "no vacuum").fault == ""
 
 
 def test_a_part_that_stays_is_a_fault(bench: Bench) -> None:
@@ -183,7 +183,7 @@ def test_a_vacuum_that_is_no_number_is_no_reading(bench: Bench, value: Any) -> N
     bench.reads(lambda r: r.part_present, "the part")
     bench.robot.pump.reported = value
     reading = bench.reads(lambda r: bool(r.fault), "the fault")
-    assert reading.pressure == 0.0
+    assert reading.vacuum == 0.0
     assert not reading.part_present
     bench.pump.command(0.0)
     until(lambda: bench.robot.names()[-1] == "stop", "the stop after the release")

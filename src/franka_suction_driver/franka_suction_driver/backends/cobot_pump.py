@@ -214,15 +214,15 @@ class CobotPump:
 
     def _read(self, gripper: Any) -> SuctionReading:
         state = gripper.read_once()
-        pressure = _PASCAL_PER_MBAR * float(state.vacuum)
-        if not math.isfinite(pressure):
+        vacuum = _PASCAL_PER_MBAR * float(state.vacuum)
+        if not math.isfinite(vacuum):
             return SuctionReading(
                 fault=f"the pump reports a vacuum of {state.vacuum} mbar, which is no measurement: "
                 "restart the pump"
             )
         red = str(state.device_status).endswith("kRed")
         return SuctionReading(
-            pressure,
+            vacuum,
             bool(state.part_present),
             bool(state.part_detached),
             "the pump reports a device error (red): see its display" if red else self._trouble,
