@@ -62,7 +62,7 @@ class PolicyNode(Node):
         self._suction, self._outcome, self._started = SuctionPhase.OFF, "", False
         guard = Guard(self, self._on_failure)
         self._status = diagnostics.NodeStatus(self, guard)
-        self._peers = PeerWatch(self, self._params.peers, self._params.peer_timeout)
+        self._peers = PeerWatch(self, self._params.watch_nodes, self._params.watch_timeout)
         self._actuators = Actuators(
             self, self._feed, self._params.base_frame, guard, self._params.service_timeout
         )

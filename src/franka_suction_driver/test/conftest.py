@@ -38,7 +38,7 @@ def motion_params() -> MotionParams:
         "workspace_max": (5.0,) * 3,
         "force_limit": 1e4,
         "lag_limit": 1.0,
-        "slow_conditioning": 0.0,
+        "slow_singular_value": 0.0,
         "slow_margin": 0.0,
     }
     return build(MotionParams, {f"safety.{name}": value for name, value in safety.items()})

@@ -121,7 +121,7 @@ def test_a_blocked_contact_names_what_touches(make_planner: Callable[..., Planne
 def test_the_opposite_side_is_taken_where_the_flow_side_is_closed(
     make_planner: Callable[..., Planner], robot: Kinematics
 ) -> None:
-    planner = make_planner(continuation=0.05)
+    planner = make_planner(lookahead=0.05)
     x, z = np.meshgrid(np.arange(0.2, 0.6, 0.01), np.arange(0.03, 0.7, 0.01))
     screen = np.column_stack([x.ravel(), np.full(x.size, 0.17), z.ravel()])
     planner.collision.set_points(np.concatenate([door(), screen]))
@@ -142,7 +142,7 @@ def test_a_tilted_tool_reaches_where_the_straight_one_cannot(
     direction /= np.linalg.norm(direction)
     tilts = []
     for slack in (0.0, 0.26):
-        planner = make_planner(tilt_slack=slack, continuation=0.0, push_from_front=False)
+        planner = make_planner(tilt_slack=slack, lookahead=0.0, push_from_front=False)
         planner.collision.set_points(None)
         planned = approach(planner, direction, contact)
         if planned.trajectory is None:
@@ -186,7 +186,7 @@ def test_the_moving_part_spans_axis_and_contact_and_leaves_the_tool_room() -> No
 def test_a_part_may_be_pushed_although_it_could_be_pulled(
     make_planner: Callable[..., Planner], robot: Kinematics
 ) -> None:
-    planned = approach(make_planner(pull=False, continuation=0.05), BACK, CONTACT)
+    planned = approach(make_planner(pull=False, lookahead=0.05), BACK, CONTACT)
     assert planned.reason is MotionReason.REACHED, planned.message
     assert planned.side == -1
     assert planned.trajectory is not None
@@ -210,7 +210,7 @@ def test_the_arm_keeps_clear_of_the_part_that_it_leaves(
     make_planner: Callable[..., Planner], robot: Kinematics
 ) -> None:
     """The incident: the arm hid the leaf from the camera, and pushed it shut with 264 N."""
-    planner = make_planner(continuation=0.05)
+    planner = make_planner(lookahead=0.05)
     joint = JointEstimate(JointKind.REVOLUTE, np.array([0, 0, 1.0]), np.array([0.26, 0.1, 0.0]))
     there = planner.approach(START, CONTACT, BACK, joint, np.random.default_rng(0))
     assert there.trajectory is not None

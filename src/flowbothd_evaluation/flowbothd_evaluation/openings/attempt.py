@@ -218,7 +218,7 @@ def _motion_params(opening: Opening, part: TruePart, contact: Array) -> MotionPa
     ahead = part.way(contact, opening.goal)
     planning = replace(
         params.planning,
-        continuation=ahead,
+        lookahead=ahead,
         pull=not opening.front,
         push_from_front=opening.front,
     )

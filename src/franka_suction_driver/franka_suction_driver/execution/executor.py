@@ -89,7 +89,7 @@ class MotionExecutor:
             table_height=params.collision.table_height,
             workspace=workspace(params.safety),
         )
-        zones = SlowZones(params.safety.slow_conditioning, params.safety.slow_margin)
+        zones = SlowZones(params.safety.slow_singular_value, params.safety.slow_margin)
         follower = ToolFollower(robot, self.limits, box, params.planning.tilt_slack, zones)
         self._factory = MotionFactory(robot, self.limits, follower, bare, params)
         self._seed = params.seed if seed is None else seed

@@ -199,7 +199,7 @@ class Planner:
                 direction,
                 side,
                 self._params.approach.standoff,
-                planning.continuation,
+                planning.lookahead,
                 joint,
                 tilt=tilt,
                 back_off=self._params.approach.back_off,
@@ -216,7 +216,7 @@ class Planner:
             raise RuntimeError("no tilt was tried")
         if not len(branches.standoffs):
             return PlannedMotion(branches.reason, branches.message, side=side)
-        if side < 0 and branches.reach < planning.least_push:
+        if side < 0 and branches.reach < planning.min_push_fraction:
             message = f"only {branches.reach:.0%} of the opening could be pushed"
             return PlannedMotion(MotionReason.UNREACHABLE, message, side=side)
         touch = self.collision.touch(start)
