@@ -86,12 +86,12 @@ COMMANDS = (
         ("flowbothd report out/demo/bag", "flowbothd report bags/kitchen --out kitchen"),
     ),
     Command(
-        "up real",
-        "flowbothd.up_real",
+        "up robot",
+        "flowbothd.up_robot",
         "start all nodes on a robot and leave them running; docs/real_robot.md",
         (
-            "flowbothd up real --robot 172.16.0.2 --params lab.yaml --dry-run",
-            "flowbothd up real --backend recording --params lab.yaml",
+            "flowbothd up robot --robot 172.16.0.2 --params lab.yaml --dry-run",
+            "flowbothd up robot --backend mock --params lab.yaml",
         ),
     ),
     Command(

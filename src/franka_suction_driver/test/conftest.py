@@ -15,8 +15,8 @@ from franka_suction_driver.arm.kinematics import Kinematics, make_kinematics
 from franka_suction_driver.arm.limits import JointLimits, limits_from
 from franka_suction_driver.arm.trajectory import JointState, joint_move, state_at
 from franka_suction_driver.backend_params import PandaParams
+from franka_suction_driver.backends.mock import MockLibrary, MockRobot
 from franka_suction_driver.backends.panda import PandaArm
-from franka_suction_driver.backends.recording import RecordingLibrary, RecordingRobot
 from franka_suction_driver.execution.executor import MotionExecutor
 from franka_suction_driver.params import MotionParams
 
@@ -132,8 +132,8 @@ class PandaLab:
     def __init__(self, robot: Kinematics, limits: JointLimits, params: PandaParams) -> None:
         self.time = 100.0
         self.limits, self.names = limits, robot.joint_names
-        self.robot = RecordingRobot()
-        self.library = RecordingLibrary(self.robot, clock=lambda: self.time, sleep=self.sleep)
+        self.robot = MockRobot()
+        self.library = MockLibrary(self.robot, clock=lambda: self.time, sleep=self.sleep)
         self.arm = PandaArm(
             robot,
             limits,

@@ -14,8 +14,8 @@ from flowbothd_common.errors import SuctionError
 from flowbothd_common.types import SuctionReading
 from franka_suction_driver.backend_params import PumpNodeParams
 from franka_suction_driver.backends.cobot_pump import CobotPump, setpoint
+from franka_suction_driver.backends.mock import DeviceStatus, MockLibrary, MockRobot
 from franka_suction_driver.backends.protocol import BackendError
-from franka_suction_driver.backends.recording import DeviceStatus, RecordingLibrary, RecordingRobot
 
 PARAMS = PumpNodeParams(robot_ip="172.16.0.2", poll_rate=100.0, vacuum_timeout=20.0)
 
@@ -23,8 +23,8 @@ PARAMS = PumpNodeParams(robot_ip="172.16.0.2", poll_rate=100.0, vacuum_timeout=2
 class Bench:
     def __init__(self, params: PumpNodeParams = PARAMS) -> None:
         self.time = 0.0
-        self.robot = RecordingRobot()
-        self.pump = CobotPump(params, library=RecordingLibrary(self.robot), clock=lambda: self.time)
+        self.robot = MockRobot()
+        self.pump = CobotPump(params, library=MockLibrary(self.robot), clock=lambda: self.time)
         self.pump.connect()
 
     def reads(self, condition: Callable[[SuctionReading], bool], what: str) -> SuctionReading:
@@ -221,10 +221,10 @@ def test_a_red_light_is_a_fault(bench: Bench) -> None:
 
 def test_a_pump_that_is_not_configured_names_desk() -> None:
     """The trap: without Cobot Pump chosen in Desk the connection fails with a network error."""
-    robot = RecordingRobot()
+    robot = MockRobot()
     robot.refusal = RuntimeError("libfranka gripper: Connection error")
-    pump = CobotPump(PARAMS, library=RecordingLibrary(robot))
+    pump = CobotPump(PARAMS, library=MockLibrary(robot))
     with pytest.raises(BackendError, match="Cobot Pump"):
         pump.connect()
     with pytest.raises(BackendError, match="robot_ip"):
-        CobotPump(replace(PARAMS, robot_ip=""), library=RecordingLibrary(robot)).connect()
+        CobotPump(replace(PARAMS, robot_ip=""), library=MockLibrary(robot)).connect()

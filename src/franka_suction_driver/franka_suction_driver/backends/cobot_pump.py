@@ -95,7 +95,7 @@ class CobotPump:
             self._library = load_panda_py()
         address = self._params.robot_ip
         if not address:
-            raise BackendError("no robot address", hint="set robot_ip, or `up real --robot`")
+            raise BackendError("no robot address", hint="set robot_ip, or `up robot --robot`")
         self._gripper = self._open()
         for name, work in (("pump_commands", self._obey), ("pump_state", self._poll)):
             self._threads.append(threading.Thread(target=work, name=name, daemon=True))
