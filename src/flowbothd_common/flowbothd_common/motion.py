@@ -8,7 +8,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from flowbothd_common.types import Array, JointArc
+from flowbothd_common.types import Array, JointEstimate
 
 
 class MotionKind(StrEnum):
@@ -51,14 +51,14 @@ class MotionGoal:
         direction: (3,) unit vector. Approach: the flow at the contact, the tool comes from that
             side. Probe: direction of travel. Flow step: the flow to follow. Retreat: unused.
         distance: How far [m]; 0 = the default of the motion's parameters.
-        arc: How the part is expected to move, if anything is known.
+        joint: How the part is expected to move, if anything is known.
     """
 
     kind: MotionKind
     contact: Array | None = None
     direction: Array | None = None
     distance: float = 0.0
-    arc: JointArc | None = None
+    joint: JointEstimate | None = None
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Value types that cross package borders: clouds with flow, joint arcs, suction, outcomes."""
+"""Value types that cross package borders: clouds with flow, joint estimates, suction, outcomes."""
 
 from __future__ import annotations
 
@@ -82,24 +82,24 @@ class Outcome(StrEnum):
     ERROR = "error"
 
 
-class ArcKind(StrEnum):
-    """Kind of motion that a part is estimated to make."""
+class JointKind(StrEnum):
+    """Kind of joint that a part is thought to move on."""
 
-    LINE = "line"
-    ARC = "arc"
+    PRISMATIC = "prismatic"
+    REVOLUTE = "revolute"
 
 
 @dataclass(frozen=True)
-class JointArc:
-    """A motion without pitch: along a line, or about an axis.
+class JointEstimate:
+    """Estimated motion of a part: a translation along an axis, or a rotation about one.
 
     Attributes:
-        kind: Line or arc.
+        kind: Prismatic or revolute.
         axis: (3,) unit vector: direction of travel, or rotation axis (right-hand rule).
-        point: (3,) a point on the rotation axis [m]; zero and unused for a line.
+        point: (3,) a point on the rotation axis [m]; zero and unused if prismatic.
     """
 
-    kind: ArcKind
+    kind: JointKind
     axis: Array
     point: Array
 
@@ -119,14 +119,14 @@ class SuctionReading:
     """Measurement of the pump.
 
     Attributes:
-        pressure: Vacuum below ambient, >= 0 [Pa].
+        vacuum: Vacuum below ambient, >= 0 [Pa].
         part_present: A part seals the cup.
         part_detached: A part was held in this cycle and has come off.
         fault: Empty, or what is wrong with the pump.
         in_control_range: The vacuum is within the set-point's band.
     """
 
-    pressure: float = 0.0
+    vacuum: float = 0.0
     part_present: bool = False
     part_detached: bool = False
     fault: str = ""

@@ -26,10 +26,14 @@ def observe(turn: Turn, reason: str, decision: str = "observe") -> None:
 def approach(turn: Turn, choice: Choice, reason: str) -> None:
     """Go to the standoff of a grasp."""
     grasp = choice.grasp
-    arc = grasp.screw.arc if turn.params.give_arc and grasp.screw is not None else None
+    joint = (
+        grasp.screw.joint if turn.params.send_joint_estimate and grasp.screw is not None else None
+    )
     turn.set(choice=choice, away=True, attached=False)
     turn.move(
-        MotionGoal(MotionKind.APPROACH, contact=grasp.point, direction=grasp.direction, arc=arc),
+        MotionGoal(
+            MotionKind.APPROACH, contact=grasp.point, direction=grasp.direction, joint=joint
+        ),
         Phase.APPROACHING,
     )
     turn.say("approach", reason)

@@ -65,7 +65,7 @@ class Finish:
 
 @dataclass(frozen=True)
 class Decision:
-    """One decision, as published on policy/events.
+    """One decision, as published on policy/decisions.
 
     Attributes:
         sequence: Counts from 0 within a run.

@@ -260,7 +260,7 @@ class PolicyParams:
         minimum=0.0,
         maximum=1.0,
     )
-    give_arc: bool = parameter(True, "tell motion how the part is expected to move")
+    send_joint_estimate: bool = parameter(True, "send motion_node the estimate of the part's joint")
     retreat_first: bool = parameter(False, "go to the start pose before the first look")
     vacuum: float = parameter(
         60000.0, "vacuum asked of the pump [Pa]", minimum=0.0, maximum=100000.0

@@ -173,8 +173,8 @@ def test_the_paper_without_our_additions_runs(make_door, drive):
     door = make_door("pull_left", width=0.1683)
     run = drive(
         door,
-        PolicyParams(grasp=pure, reject_failed_directions=False, give_arc=False),
+        PolicyParams(grasp=pure, reject_failed_directions=False, send_joint_estimate=False),
         OracleParams(),
     )
     assert run.finish.outcome in (Outcome.OPENED, Outcome.NO_CONTACT, Outcome.GAVE_UP)
-    assert all(goal.arc is None for goal in run.goals)
+    assert all(goal.joint is None for goal in run.goals)

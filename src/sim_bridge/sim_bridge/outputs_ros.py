@@ -107,8 +107,8 @@ def _measurement(session: Session, header: Header, vacuum: float) -> SuctionMeas
     reading = session.world.suction()
     return SuctionMeasurement(
         header=header,
-        pressure=reading.pressure,
-        in_control_range=0 < 0.9 * vacuum <= reading.pressure,
+        vacuum=reading.vacuum,
+        in_control_range=0 < 0.9 * vacuum <= reading.vacuum,
         part_present=reading.part_present,
         part_detached=reading.part_detached,
         fault=bool(reading.fault),

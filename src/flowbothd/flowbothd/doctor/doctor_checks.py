@@ -169,7 +169,7 @@ def judge_pump(heard: Heard, fault: str) -> Check:
             "pump",
             Light.RED,
             "no suction/measurement",
-            "start `flowbothd up real`; Desk, Settings, End-Effector must say Cobot Pump",
+            "start `flowbothd up robot`; Desk, Settings, End-Effector must say Cobot Pump",
         )
     if fault:
         return Check("pump", Light.RED, fault, "see its display and pump_node's log")
@@ -181,7 +181,7 @@ def judge_nodes(expected: Sequence[str], said: dict[str, tuple[bool, str]]) -> l
     checks = []
     for name in expected:
         if name not in said:
-            text = "start `flowbothd up real`, or see its log"
+            text = "start `flowbothd up robot`, or see its log"
             checks.append(Check(name, Light.RED, "not heard", text))
         elif not said[name][0]:
             checks.append(Check(name, Light.RED, said[name][1] or "not ready", "as it says"))

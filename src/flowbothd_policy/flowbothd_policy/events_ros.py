@@ -1,4 +1,4 @@
-"""Events of the policy as messages: published by its node, read back by a replay."""
+"""The policy's events as messages: published by its node, read back for a replay."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from std_msgs.msg import Header
 from flowbothd_common.ros import qos
 from flowbothd_common.ros.conversions import from_result, to_result, to_seconds, to_stamp
 from flowbothd_common.types import Cloud, SuctionPhase
-from flowbothd_interfaces.msg import PolicyInput, SuctionState
+from flowbothd_interfaces.msg import PolicyEvent, SuctionState
 from flowbothd_policy.events import (
     NAMES,
     CloudArrived,
@@ -40,7 +40,7 @@ def phase_of(state: int) -> SuctionPhase:
 
 
 class Sights(Protocol):
-    """Source of the arrays that a PolicyInput refers to."""
+    """Source of the arrays that a PolicyEvent only names."""
 
     def cloud(self, stamp: Time) -> Cloud:
         """(N, 3) float32 points of the object cloud with this stamp."""
@@ -51,9 +51,9 @@ class Sights(Protocol):
         ...
 
 
-def to_input_message(event: Event, header: Header, sequence: int) -> PolicyInput:
-    """PolicyInput message of an event; clouds and predictions are named by stamp and seed."""
-    message = PolicyInput(header=header, sequence=sequence, event=NAMES[type(event)], opened=-1)
+def to_event_message(event: Event, header: Header, sequence: int) -> PolicyEvent:
+    """PolicyEvent message of an event; clouds and predictions are named by stamp and seed."""
+    message = PolicyEvent(header=header, sequence=sequence, event=NAMES[type(event)], opened=-1)
     if isinstance(event, CloudArrived | PredictionArrived):
         message.cloud_stamp = to_stamp(event.stamp)
     if isinstance(event, PredictionArrived):
@@ -71,8 +71,8 @@ def to_input_message(event: Event, header: Header, sequence: int) -> PolicyInput
     return message
 
 
-def from_input_message(message: PolicyInput, sights: Sights) -> Event:
-    """The event in a PolicyInput.
+def from_event_message(message: PolicyEvent, sights: Sights) -> Event:
+    """Return the event that a PolicyEvent carries.
 
     Raises:
         KeyError: an unknown event.
@@ -115,8 +115,8 @@ class _Given:
         return self._event.points, self._event.flows
 
 
-class InputLog:
-    """Publishes `policy/inputs`.
+class EventLog:
+    """Publishes `policy/events`.
 
     Args:
         node: Gets the publisher; its clock stamps.
@@ -125,18 +125,18 @@ class InputLog:
 
     def __init__(self, node: Node, base_frame: str) -> None:
         self._node, self._base_frame = node, base_frame
-        self._publisher = node.create_publisher(PolicyInput, "policy/inputs", qos.STORY)
+        self._publisher = node.create_publisher(PolicyEvent, "policy/events", qos.STORY)
         self._sequence = 0
 
     def note(self, event: Event) -> tuple[Event, float]:
-        """Publish an event; returns event and time [s] as a reader of the message gets them.
+        """Publish an event; return event and time [s] as a reader of the message gets them.
 
         The policy has to take these and not its own: a pose loses its last bits on the way
-        through a quaternion, and a bag would not give the policy the same values again.
+        through a quaternion, and a replay from a bag would get other values than the run did.
         """
         stamp = self._node.get_clock().now().to_msg()
         header = Header(stamp=stamp, frame_id=self._base_frame)
-        message = to_input_message(event, header, self._sequence)
+        message = to_event_message(event, header, self._sequence)
         self._sequence += 1
         self._publisher.publish(message)
-        return from_input_message(message, _Given(event)), to_seconds(stamp)
+        return from_event_message(message, _Given(event)), to_seconds(stamp)
