@@ -2,7 +2,8 @@
 
     ros2 launch flowbothd_bringup robot.launch.py robot:=172.16.0.2 params:=lab.yaml dry_run:=true
 
-It starts the same nodes with the same parameters as `flowbothd up robot`; see docs/tutorials/own_robot.md.
+It starts the same nodes with the same parameters as `flowbothd up robot`;
+see docs/tutorials/own_robot.md.
 The camera's driver is started by the lab.
 """
 
