@@ -9,11 +9,12 @@ import importlib
 import inspect
 import os
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from flowbothd_bringup import robot_graph, sim_graph
+from flowbothd_common.markdown import markdown_table
 
 ROOT = Path(__file__).resolve().parent.parent
 INTERFACES = ROOT / "docs" / "interfaces.md"
@@ -38,6 +39,7 @@ COMMON = (
     "parameter_types",
 )
 COMMON_PARAMETERS = ("use_sim_time", "start_type_description_service", "qos_overrides")
+_PARAMETER_HEAD = ("parameter", "type", "default", "allowed", "meaning")
 LIFECYCLE = ("change_state", "get_state", "get_available_", "get_transition_graph")
 
 
@@ -114,13 +116,6 @@ def endpoints(node: Any) -> dict[str, list[tuple[str, str]]]:
     }
 
 
-def table(header: Iterable[str], rows: Iterable[Iterable[str]]) -> list[str]:
-    """Markdown table."""
-    head = list(header)
-    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
-    return lines + ["| " + " | ".join(row) + " |" for row in rows]
-
-
 def plain(value: object) -> str:
     """A value as documentation shows it: no digits that nobody needs."""
     return f"{value:.6g}" if isinstance(value, float) else f"{value}"
@@ -155,8 +150,8 @@ def parameter_rows(node: Any) -> list[list[str]]:
                 f"`{name}`",
                 type_names.get(descriptor.type, "string[]") + live,
                 f"`{shown}`" if value not in (None, "") else "",
-                descriptor.additional_constraints.replace("|", "\\|"),
-                descriptor.description.replace("|", "\\|"),
+                descriptor.additional_constraints,
+                descriptor.description,
             ]
         )
     return rows
@@ -171,9 +166,9 @@ def render() -> tuple[str, str]:
         found = endpoints(node)
         detailed += [f"### {name}", ""]
         rows = [[kind, f"`{n}`", t] for kind, pairs in found.items() for n, t in pairs]
-        detailed += [*table(("", "name", "type"), rows), ""]
+        detailed += [markdown_table(("", "name", "type"), rows), ""]
         detailed += [
-            *table(("parameter", "type", "default", "allowed", "meaning"), parameter_rows(node)),
+            markdown_table(_PARAMETER_HEAD, parameter_rows(node)),
             "",
         ]
 
@@ -190,7 +185,7 @@ def render() -> tuple[str, str]:
             ]
         )
     header = ("node", "subscribes", "publishes", "services and actions")
-    return "\n".join(detailed).rstrip(), "\n".join(table(header, summary))
+    return "\n".join(detailed).rstrip(), markdown_table(header, summary)
 
 
 def replaced(path: Path, marker: str, text: str, content: str | None = None) -> str:
@@ -216,11 +211,11 @@ def dataclass_table(params: type) -> str:
                 f"`{spec.name}`",
                 spec.type_name,
                 f"`{shown}`" if shown else "",
-                spec.allowed.replace("|", "\\|"),
-                spec.description.replace("|", "\\|"),
+                spec.allowed,
+                spec.description,
             ]
         )
-    return "\n".join(table(("parameter", "type", "default", "allowed", "meaning"), rows))
+    return markdown_table(_PARAMETER_HEAD, rows)
 
 
 def recording_tables() -> str:
