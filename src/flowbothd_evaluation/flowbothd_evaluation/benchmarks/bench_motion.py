@@ -127,19 +127,28 @@ _PARTS = {
 }
 """Parts of planning and the modules that make them up; of nested parts the outermost counts."""
 
+_PLANNING = "franka_suction_driver.execution.executor"
+"""Module through which all planning is asked for."""
+
 _SAMPLING = 1e-3
-"""Processor time between two looks at what planning is doing [s]."""
+"""Processor time between two looks at what planning is doing [s]; kernels may round it up."""
 
 
 class _Sampler:
     """Counts in which part of planning the processor's time is spent, by looking now and then.
 
-    The planner runs as it does for everybody: nothing of it is replaced, and a look costs it a few
-    microseconds. For the main thread alone, since that is where Python handles signals.
+    The planner runs as in the nodes: nothing of it is replaced, and a look costs it a few
+    microseconds. The timer runs on between requests, so that no part of a plan is looked at more
+    often than another. For the main thread alone, since that is where Python handles signals.
+
+    Attributes:
+        looks: By kind of motion and part.
+        kind: Of the motion that is being planned.
     """
 
     def __init__(self) -> None:
-        self.looks: Counter[str] = Counter()
+        self.looks: dict[str, Counter[str]] = {}
+        self.kind = ""
         self._part_of = {module: part for part, modules in _PARTS.items() for module in modules}
 
     def __enter__(self) -> _Sampler:
@@ -152,11 +161,14 @@ class _Sampler:
         signal.signal(signal.SIGPROF, self._before)
 
     def _look(self, _: int, frame: FrameType | None) -> None:
-        found = "rest"
+        found, planning = "rest", False
         while frame is not None:
-            found = self._part_of.get(frame.f_globals.get("__name__", ""), found)
+            module = frame.f_globals.get("__name__", "")
+            found = self._part_of.get(module, found)
+            planning |= module == _PLANNING
             frame = frame.f_back
-        self.looks[found] += 1
+        if planning and self.kind:
+            self.looks.setdefault(self.kind, Counter())[found] += 1
 
 
 def _timing_split(count: int) -> dict[str, dict[str, float]]:
@@ -164,16 +176,16 @@ def _timing_split(count: int) -> dict[str, dict[str, float]]:
     params = sim_motion_params()
     executor = MotionExecutor(make_kinematics(params), params, 0)
     rng = np.random.default_rng([21, 0])
-    totals: dict[str, Counter[str]] = {}
-    for _ in range(count):
-        executor.set_obstacles(None)
-        request = draw(executor, rng)
-        with _Sampler() as sampler:
-            verdict = run_request(executor, request, only_planning=True)
-        totals.setdefault(verdict.kind, Counter()).update(sampler.looks)
+    with _Sampler() as sampler:
+        for _ in range(count):
+            executor.set_obstacles(None)
+            sampler.kind = ""
+            request = draw(executor, rng)
+            sampler.kind = request.goal.kind.value
+            run_request(executor, request, only_planning=True)
     return {
         kind: {part: round(looks / total.total(), 3) for part, looks in total.items()}
-        for kind, total in totals.items()
+        for kind, total in sampler.looks.items()
     }
 
 
