@@ -141,7 +141,7 @@ def test_the_rules_would_notice_a_violation():
         "sim_bridge", "sim_bridge/world.py", {("franka_suction_driver", "franka_suction_driver.ik")}
     )
     upward = ("flowbothd_bringup", "flowbothd_bringup.sim_graph")
-    assert violations("flowbothd_evaluation", "flowbothd_evaluation/trials.py", {upward})
+    assert violations("flowbothd_evaluation", "flowbothd_evaluation/records.py", {upward})
     assert violations("flowbothd_bringup", "flowbothd_bringup/sim_graph.py", {("launch", "launch")})
 
 

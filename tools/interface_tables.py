@@ -9,11 +9,12 @@ import importlib
 import inspect
 import os
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from flowbothd_bringup import robot_graph, sim_graph
+from flowbothd_common.markdown import markdown_table
 
 ROOT = Path(__file__).resolve().parent.parent
 INTERFACES = ROOT / "docs" / "reference" / "interfaces.md"
@@ -21,7 +22,6 @@ PARAMETERS = ROOT / "docs" / "reference" / "parameters.md"
 README = ROOT / "README.md"
 
 NODES = tuple({**sim_graph.NODES, **robot_graph.NODES}.values())
-PARAMETER_HEADER = ("parameter", "type", "default", "allowed", "meaning")
 # What has no default: a node refuses to start without it, here it gets something to start with.
 REQUIRED: dict[str, dict[str, Any]] = {
     "flowbothd_perception.perception_node": {
@@ -39,6 +39,7 @@ COMMON = (
     "parameter_types",
 )
 COMMON_PARAMETERS = ("use_sim_time", "start_type_description_service", "qos_overrides")
+_PARAMETER_HEAD = ("parameter", "type", "default", "allowed", "meaning")
 LIFECYCLE = ("change_state", "get_state", "get_available_", "get_transition_graph")
 
 
@@ -115,13 +116,6 @@ def endpoints(node: Any) -> dict[str, list[tuple[str, str]]]:
     }
 
 
-def table(header: Iterable[str], rows: Iterable[Iterable[str]]) -> list[str]:
-    """Markdown table."""
-    head = list(header)
-    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
-    return lines + ["| " + " | ".join(row) + " |" for row in rows]
-
-
 def plain(value: object) -> str:
     """A value as documentation shows it: no digits that nobody needs."""
     return f"{value:.6g}" if isinstance(value, float) else f"{value}"
@@ -156,8 +150,8 @@ def parameter_rows(node: Any) -> list[list[str]]:
                 f"`{name}`",
                 type_names.get(descriptor.type, "string[]") + live,
                 f"`{shown}`" if value not in (None, "") else "",
-                descriptor.additional_constraints.replace("|", "\\|"),
-                descriptor.description.replace("|", "\\|"),
+                descriptor.additional_constraints,
+                descriptor.description,
             ]
         )
     return rows
@@ -173,8 +167,8 @@ def render() -> tuple[str, str, str]:
         found = endpoints(node)
         detailed += [f"### {name}", ""]
         rows = [[kind, f"`{n}`", t] for kind, pairs in found.items() for n, t in pairs]
-        detailed += [*table(("", "name", "type"), rows), ""]
-        parameters += [f"### {name}", "", *table(PARAMETER_HEADER, parameter_rows(node)), ""]
+        detailed += [markdown_table(("", "name", "type"), rows), ""]
+        parameters += [f"### {name}", "", markdown_table(_PARAMETER_HEAD, parameter_rows(node)), ""]
 
         def names(*kinds: str, found: dict[str, list[tuple[str, str]]] = found) -> str:
             hidden = ("heartbeat", "/diagnostics", "/clock")
@@ -193,7 +187,7 @@ def render() -> tuple[str, str, str]:
     return (
         "\n".join(detailed).rstrip(),
         "\n".join(parameters).rstrip(),
-        "\n".join(table(header, summary)),
+        markdown_table(header, summary),
     )
 
 
@@ -206,7 +200,7 @@ def replaced(path: Path, marker: str, text: str) -> str:
     return content.split(begin)[0] + begin + "\n" + text + "\n" + end + content.split(end)[1]
 
 
-def dataclass_table(params: type) -> list[str]:
+def dataclass_table(params: type) -> str:
     """Table of a parameter dataclass, for nodes that are not part of the robot's graph."""
     from flowbothd_common.parameters import specifications
 
@@ -220,11 +214,11 @@ def dataclass_table(params: type) -> list[str]:
                 f"`{spec.name}`",
                 spec.type_name,
                 f"`{shown}`" if shown else "",
-                spec.allowed.replace("|", "\\|"),
-                spec.description.replace("|", "\\|"),
+                spec.allowed,
+                spec.description,
             ]
         )
-    return table(PARAMETER_HEADER, rows)
+    return markdown_table(_PARAMETER_HEAD, rows)
 
 
 def recording_tables() -> list[str]:
@@ -234,7 +228,7 @@ def recording_tables() -> list[str]:
 
     lines = []
     for name, params in (("recorder_node", RecorderParams), ("player_node", PlayerParams)):
-        lines += [f"### {name}", "", *dataclass_table(params), ""]
+        lines += [f"### {name}", "", dataclass_table(params), ""]
     return lines
 
 

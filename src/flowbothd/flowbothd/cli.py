@@ -120,29 +120,39 @@ COMMANDS = (
         for_robot=True,
     ),
     Command(
-        "trials",
-        "flowbothd_evaluation.trials",
-        "open objects many times in the stepped world and print the table of successes",
-        ("flowbothd trials --suite door --seeds 5", "flowbothd trials --suite furniture"),
-    ),
-    Command(
-        "eval",
-        "flowbothd_evaluation.paper.eval_command",
+        "eval paper",
+        "flowbothd_evaluation.paper.paper_command",
         "the paper's experiment: objects, links and trials by the floating gripper; resumable",
         (
-            "flowbothd eval --objects PARTNET/test --method flowbothd oracle",
-            "flowbothd eval --objects procedural:test --method flowbothd --switches all",
-            "flowbothd eval --suite small --objects PARTNET/train PARTNET/raw/8994"
+            "flowbothd eval paper --objects PARTNET/test --method flowbothd oracle",
+            "flowbothd eval paper --objects procedural:test --method flowbothd --switches all",
+            "flowbothd eval paper --suite small --objects PARTNET/train PARTNET/raw/8994"
             " --out out/eval/small.jsonl",
         ),
     ),
     Command(
-        "tables",
-        "flowbothd_evaluation.paper.tables_command",
-        "the paper's tables and figures of evaluation records, as one report",
+        "eval arm",
+        "flowbothd_evaluation.arm.arm_command",
+        "the arm in the stepped world: objects, modes and seeds, as a table; resumable",
+        ("flowbothd eval arm --suite door --seeds 5", "flowbothd eval arm --suite furniture"),
+    ),
+    Command(
+        "eval openings",
+        "flowbothd_evaluation.openings.openings_command",
+        "how far the arm opens each part from its committed pose, breaks and touches; resumable",
         (
-            "flowbothd tables out/eval/small.jsonl",
-            "flowbothd tables out/eval/*.jsonl --out out/report --objects PARTNET/train",
+            "flowbothd eval openings --tasks pull_left drawer --seeds 3 --frames out/openings",
+            "flowbothd eval openings --tasks drawer --search 1000 --out out/search.jsonl",
+        ),
+    ),
+    Command(
+        "eval report",
+        "flowbothd_evaluation.report_command",
+        "tables, figures and analyses of what the other three have recorded, as one report",
+        (
+            "flowbothd eval report out/eval/paper.jsonl out/eval/arm.jsonl",
+            "flowbothd eval report out/eval/*.jsonl --analyses all --objects PARTNET",
+            "flowbothd eval report --analyses doors history --out out/analyses",
         ),
     ),
     Command(
@@ -177,15 +187,6 @@ COMMANDS = (
         "flowbothd_evaluation.benchmarks.bench_motion",
         "random motion requests: limits, straightness, planning times; resumable",
         ("flowbothd bench motion --requests 10000 --json out/bench_motion.json",),
-    ),
-    Command(
-        "bench openings",
-        "flowbothd_evaluation.benchmarks.bench_openings",
-        "how far the arm opens each part from its committed pose, breaks and touches; resumable",
-        (
-            "flowbothd bench openings --tasks pull_left drawer --seeds 3 --frames out/openings",
-            "flowbothd bench openings --tasks drawer --search 1000 --out out/search.jsonl",
-        ),
     ),
     Command(
         "bench sim",

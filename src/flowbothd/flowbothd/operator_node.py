@@ -23,7 +23,10 @@ from flowbothd_bringup.sim_graph import NODES
 from flowbothd_common.errors import FlowBotError
 from flowbothd_common.guardian import watch_guardian
 from flowbothd_common.ros.liveness import PeerWatch
-from flowbothd_evaluation.run_record.record import RunRecord, save_record, write_json
+from flowbothd_common.types import Outcome
+from flowbothd_evaluation.record_files import write_json
+from flowbothd_evaluation.run_record.record import RunRecord, save_record
+from flowbothd_policy.commands import Decision
 from franka_suction_driver.arm.params import ARM_JOINTS
 
 READY_TIMEOUT = 90.0
@@ -111,6 +114,13 @@ class Operator:
             self._executor.spin_once(timeout_sec=0.1)
 
 
+def _abort(reason: str) -> Decision:
+    """The operator's own decision, last in the record of a run that the graph did not end."""
+    return Decision(
+        -1, 0.0, "", "", "abort", reason, step=0, grasps=0, trials=0, outcome=Outcome.ERROR.value
+    )
+
+
 def _arguments() -> argparse.Namespace:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--object", required=True)
@@ -133,10 +143,10 @@ def main() -> int:
     try:
         try:
             Operator(node, record).run(arguments.timeout)
-            code = 0 if record.summary()["success"] else 1
+            code = 0 if record.summary().success else 1
         except OperatorError as error:
             node.get_logger().error(str(error))
-            record.decisions.append({"outcome": "error", "reason": str(error), "decision": "abort"})
+            record.decisions.append(_abort(str(error)))
         write_json(arguments.out / "summary.json", record.summary())
         save_record(record, arguments.out)
     except (KeyboardInterrupt, ExternalShutdownException):

@@ -68,7 +68,8 @@ def test_the_commands_for_a_robot_are_these():
         (["demo", "--object", "wardrobe"], "custom_door"),
         (["up", "sim", "--mode", "sideways"], "pull_left"),
         (["up", "sim", "--domain", "1000"], "0..101"),
-        (["trials", "--suite", "partnet"], "--objects"),
+        (["eval", "arm", "--suite", "partnet"], "--objects"),
+        (["eval", "report"], "--analyses"),
     ],
 )
 def test_bad_input_is_told_on_one_line(capsys, tmp_path, monkeypatch, words, said):

@@ -10,9 +10,6 @@ from pathlib import Path
 import psutil
 import pytest
 
-pytest.importorskip("rclpy", reason="ROS is not installed")
-pytestmark = pytest.mark.ros
-
 RUNNER = """
 import os, sys
 from flowbothd_bringup.processes import NodeProcess, run_graph

@@ -1,10 +1,9 @@
-"""Many independent pieces of work, one JSON record each; killed and started again, it goes on."""
+"""Many independent pieces of work, one record each; killed and started again, it goes on."""
 
 from __future__ import annotations
 
 import argparse
 import fcntl
-import json
 import multiprocessing
 import os
 import signal
@@ -12,15 +11,14 @@ from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import BinaryIO, TypeVar
 
 from tqdm import tqdm
 
 from flowbothd_common.errors import ParameterError
 from flowbothd_common.guardian import GUARDIAN, watch_guardian
-from flowbothd_evaluation.run_record.record import as_plain
+from flowbothd_evaluation.record_files import R, from_json, read_records, to_json
 
-Record = dict[str, Any]
 Work = TypeVar("Work")
 Key = TypeVar("Key", bound=Hashable)
 
@@ -36,39 +34,15 @@ def add_work_arguments(parser: argparse.ArgumentParser, out: Path, unit: str = "
     )
 
 
-def read_records(path: Path) -> list[Record]:
-    """Complete records of a file, which may have been cut off in its last line.
-
-    Raises:
-        ParameterError: a complete line is no JSON object: the file is something else.
-    """
-    if not path.exists():
-        return []
-    records = []
-    for number, line in enumerate(path.read_bytes().split(b"\n")[:-1], start=1):
-        try:
-            record = json.loads(line)
-        except ValueError:
-            record = None
-        if not isinstance(record, dict):
-            raise ParameterError(
-                f"line {number} of {path} is no record",
-                got=line[:60].decode(errors="replace"),
-                hint="give the file that an evaluation wrote, or another name to write to",
-            )
-        records.append(record)
-    return records
-
-
 def run_resumable(
     work: Mapping[Key, Work],
-    run: Callable[[Work], Record],
-    key: Callable[[Record], Key],
+    run: Callable[[Work], R],
+    kind: type[R],
     out: Path,
     jobs: int,
     *,
     unit: str = "trial",
-) -> list[Record]:
+) -> list[R]:
     """Do the work that `out` has no record of yet, append the records, return those of the work.
 
     A record is one line, written at once when its work is done; whatever else the file holds
@@ -76,35 +50,38 @@ def run_resumable(
     the order of the lines.
 
     Args:
-        work: What there is to do, by key.
+        work: What there is to do, by the key that its record will have.
         run: Does one piece, in another process; must not fail.
-        key: Of a record; equals that of its work.
+        kind: Of the records; those in the file may be of an earlier version.
         out: JSON lines.
         jobs: Processes.
-        unit: What one piece is called in the progress bar.
+        unit: Name of one piece in the progress bar.
 
     Returns:
         Records in the order of `work`.
 
     Raises:
         ParameterError: `jobs` is not positive, another command writes to `out`, or `out` is no file
-            of records.
+            of such records.
     """
     if jobs < 1:
         raise ParameterError("number of processes", got=jobs, allowed=">= 1")
     out.parent.mkdir(parents=True, exist_ok=True)
     with _locked(out) as file:
-        found = {key(record): record for record in read_records(out)}
+        found: dict[Hashable, R] = {record.key: record for record in read_records(out, kind)}
         missing = [piece for name, piece in work.items() if name not in found]
         with tqdm(total=len(work), initial=len(work) - len(missing), unit=unit) as bar:
-            for record in _done(missing, run, jobs):
-                file.write(json.dumps(record).encode() + b"\n")
-                found[key(record)] = record
+            for done in _done(missing, run, jobs):
+                line = to_json(done)
+                file.write(line.encode() + b"\n")
+                # As the next run will read it, so that both return the same.
+                record = from_json(kind, line, str(out))
+                found[record.key] = record
                 bar.update()
     return [found[name] for name in work]
 
 
-def _done(missing: Sequence[Work], run: Callable[[Work], Record], jobs: int) -> Iterator[Record]:
+def _done(missing: Sequence[Work], run: Callable[[Work], R], jobs: int) -> Iterator[R]:
     """Records as they come."""
     if not missing:
         return
@@ -116,13 +93,13 @@ def _done(missing: Sequence[Work], run: Callable[[Work], Record], jobs: int) -> 
     )
     try:
         for future in as_completed([pool.submit(run, piece) for piece in missing]):
-            yield as_plain(future.result())
+            yield future.result()
     finally:
         pool.shutdown(cancel_futures=True)
 
 
 @contextmanager
-def _locked(path: Path) -> Iterator[Any]:
+def _locked(path: Path) -> Iterator[BinaryIO]:
     """The file for appending, unbuffered, without a last line that was cut off; ours alone."""
     with path.open("ab", buffering=0) as file:
         try:

@@ -14,7 +14,7 @@ pytest.importorskip("torch")
 import torch
 
 from flowbothd_common.types import Cloud, History
-from flowbothd_evaluation.paper.analysis import inputs
+from flowbothd_evaluation.paper.analysis import ANALYSES, inputs
 from flowbothd_evaluation.paper.analysis.chains import AmbiguousDoor, _arc, chains
 from flowbothd_evaluation.paper.analysis.doors import (
     PAPER,
@@ -36,11 +36,11 @@ from flowbothd_evaluation.paper.analysis.occlusion import (
     occlusion,
 )
 from flowbothd_evaluation.paper.analysis.rollouts import _captioned, draw_rollout, telling_runs
-from flowbothd_evaluation.paper.analysis.run import ANALYSES, run_analyses
+from flowbothd_evaluation.paper.analysis.run import run_analyses
 from flowbothd_evaluation.paper.analysis.setting import Setting, main_joint, most_occluded
 from flowbothd_evaluation.paper.analysis.showcases import ways
 from flowbothd_evaluation.rollout.floating import FLOATING_POLICY, floating_rollout
-from flowbothd_evaluation.run_record.signals import signal_columns
+from flowbothd_evaluation.run_record.signals import pull_signals
 from flowbothd_model.checkpoint import Checkpoint
 from flowbothd_model.config import PRESETS
 from flowbothd_model.data.articulated import ArticulatedObject, JointKind, LinkJoint
@@ -364,9 +364,9 @@ def test_a_run_is_told_by_its_pulls_and_what_they_reached(tmp_path: Path):
     """The incident: signals of the floating gripper lagged a pull behind and ended at 0.8."""
     model = load_object("cabinet_door", seed=1)
     record = floating_rollout(model, FLOATING_POLICY)
-    assert record.summary()["success"]
-    reached = signal_columns(record)["open_ratio"]
-    assert len(reached) == record.summary()["steps"]
+    assert record.summary().success
+    reached = pull_signals(record).open_ratio
+    assert len(reached) == record.summary().steps
     assert reached[0] > 0.05
     assert reached[-1] == pytest.approx(record.open_ratio)
     assert (np.diff(reached) > -1e-3).all()
@@ -398,13 +398,16 @@ class _Run:
     grasps: int
     success: bool
 
-    def summary(self) -> dict[str, int]:
-        return {**vars(self), "resamples": 0}
+    resamples: int = 0
+
+    def summary(self) -> _Run:
+        return self
 
 
 def test_without_weights_every_analysis_says_why_it_was_skipped(tmp_path: Path):
     results = run_analyses(None, {"flowbothd": "no-such-weights"}, tmp_path / "out")
     assert set(results["analyses"]) == set(ANALYSES)
+    assert "recorded clouds" in results["analyses"].pop("recorded_clouds")["skipped"]
     for entry in results["analyses"].values():
         assert "no-such-weights" in entry["skipped"]
     assert json.loads((tmp_path / "out" / "analyses.json").read_text())["small"] is True

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +10,13 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from flowbothd_common.types import Outcome
 from flowbothd_evaluation.paper.figures import draw_all, draw_policy_signals
 from flowbothd_evaluation.paper.figures.grasps import MOST_GRASPS, grasp_shares, switch_share
 from flowbothd_evaluation.paper.figures.policy_signals import telling_records
 from flowbothd_evaluation.paper.figures.style import METHODS, method_colour, rows_of
 from flowbothd_evaluation.paper.figures.success import step_of_success, success_over_steps
+from flowbothd_evaluation.records import PaperRecord, PullSignals, Seconds
 
 
 def trial(
@@ -28,40 +30,46 @@ def trial(
     mask: str = "truth",
     policy: str = "paper",
     seed: int = 0,
-) -> dict[str, Any]:
-    """A record as `flowbothd eval` writes it, with signals drawn from a seed."""
+    **signals: tuple[Any, ...],
+) -> PaperRecord:
+    """A record as `flowbothd eval paper` writes it, with signals drawn from a seed."""
     rng = np.random.default_rng(seed)
     count = len(ratios)
-    return {
-        "object": "8994",
-        "category": "Door",
-        "link": "link_1",
-        "joint": "joint_1",
-        "trial": number,
-        "method": method,
-        "switches": switches,
-        "target_mask": mask,
-        "policy": policy,
-        "weights": "compact",
-        "seed": seed,
-        "outcome": "opened" if (ratios and ratios[-1] > 0.9) else "gave_up",
-        "reason": "",
-        "success": bool(ratios and ratios[-1] > 0.9) if success is None else success,
-        "open_ratio": ratios[-1] if ratios else 0.0,
-        "normalized_distance": 1 - (ratios[-1] if ratios else 0.0),
-        "steps": count,
-        "grasps": grasps,
-        "per_step": {
-            "open_ratio": ratios,
-            "history_updated": [bool(v) for v in rng.random(count) < 0.7],
-            "grasp_switched": [bool(v) for v in rng.random(count) < 0.2],
-            "consistency_trials": [int(v) for v in rng.integers(0, 4, count)],
-            "cosine": [None] * count,
-            "rmse": [None] * count,
-            "mean_error": [None] * count,
-        },
-        "seconds": {"total": 1.0},
-    }
+    drawn = PullSignals(
+        open_ratio=tuple(ratios),
+        history_updated=tuple(bool(v) for v in rng.random(count) < 0.7),
+        grasp_switched=tuple(bool(v) for v in rng.random(count) < 0.2),
+        consistency_trials=tuple(int(v) for v in rng.integers(0, 4, count)),
+        cosine=(None,) * count,
+        rmse=(None,) * count,
+        mean_error=(None,) * count,
+    )
+    opened = bool(ratios and ratios[-1] > 0.9)
+    return PaperRecord(
+        object="8994",
+        category="Door",
+        link="link_1",
+        joint="joint_1",
+        trial=number,
+        method=method,
+        switches=switches,
+        target_mask=mask,
+        policy=policy,
+        weights="compact",
+        weights_sha256="",
+        max_steps=30,
+        base_seed=0,
+        seed=seed,
+        outcome=Outcome.OPENED if opened else Outcome.GAVE_UP,
+        reason="",
+        success=opened if success is None else success,
+        open_ratio=ratios[-1] if ratios else 0.0,
+        normalized_distance=1 - (ratios[-1] if ratios else 0.0),
+        steps=count,
+        grasps=grasps,
+        per_step=replace(drawn, **signals),
+        seconds=Seconds(wall=1.0),
+    )
 
 
 ROWS = (
@@ -76,7 +84,7 @@ ROWS = (
 )
 
 
-def run_of_records(trials: int = 20) -> list[dict[str, Any]]:
+def run_of_records(trials: int = 20) -> list[PaperRecord]:
     """Trials of every row, of which some never touch anything."""
     rng = np.random.default_rng(1)
     records = []
@@ -107,10 +115,10 @@ def test_success_counts_trials_that_never_pulled():
 
 
 def test_success_never_falls_and_ends_at_the_recorded_success():
-    records = [r for r in run_of_records() if r["method"] == "flowbothd"]
+    records = [r for r in run_of_records() if r.method == "flowbothd"]
     rates = success_over_steps(records, 30)
     assert (np.diff(rates) >= 0).all()
-    assert rates[-1] == pytest.approx(np.mean([r["success"] for r in records]))
+    assert rates[-1] == pytest.approx(np.mean([r.success for r in records]))
 
 
 def test_a_part_that_swung_open_and_shut_again_is_no_success():
@@ -121,9 +129,8 @@ def test_a_part_that_swung_open_and_shut_again_is_no_success():
 
 
 def test_switch_share_is_over_the_trials_that_made_the_pull():
-    first, second = trial([0.1, 0.2, 0.3]), trial([0.1])
-    first["per_step"]["grasp_switched"] = [False, True, False]
-    second["per_step"]["grasp_switched"] = [True]
+    first = trial([0.1, 0.2, 0.3], grasp_switched=(False, True, False))
+    second = trial([0.1], grasp_switched=(True,))
     share, count = switch_share([first, second, trial([])], 4)
     np.testing.assert_allclose(share, [0.5, 1.0, 0.0, np.nan])
     assert count.tolist() == [2, 1, 1, 0]
@@ -152,10 +159,8 @@ def test_every_method_keeps_a_colour_of_its_own():
 
 
 def test_the_two_told_trials_are_a_smooth_and_a_laborious_success():
-    easy = trial([0.2, 0.4, 0.6, 0.95])
-    easy["per_step"]["consistency_trials"] = [0, 0, 0, 0]
-    hard = trial([0.0, 0.0, 0.3, 0.5, 0.95], grasps=4)
-    hard["per_step"]["consistency_trials"] = [0, 12, 3, 0, 0]
+    easy = trial([0.2, 0.4, 0.6, 0.95], consistency_trials=(0, 0, 0, 0))
+    hard = trial([0.0, 0.0, 0.3, 0.5, 0.95], grasps=4, consistency_trials=(0, 12, 3, 0, 0))
     other = trial([0.95], method="oracle", switches="SG")
     shown = telling_records([hard, other, easy, trial([])])
     assert [r is expected for r, expected in zip(shown, (easy, hard), strict=True)] == [True, True]
@@ -163,7 +168,7 @@ def test_the_two_told_trials_are_a_smooth_and_a_laborious_success():
 
 
 def test_all_figures_are_drawn_legible_and_small(tmp_path: Path):
-    records: list[Mapping[str, Any]] = [
+    records = [
         *run_of_records(),
         *(trial([0.4, 0.95], mask="none", number=k) for k in range(3)),
         *(trial([0.3, 0.95], policy="robot", number=k) for k in range(3)),
@@ -186,8 +191,7 @@ def test_trials_without_a_pull_are_drawn_too(tmp_path: Path):
 
 
 def test_links_that_the_truth_does_not_open_are_not_counted(tmp_path: Path):
-    shut = trial([])
-    shut["outcome"] = "unopenable_with_ground_truth"
+    shut = replace(trial([]), outcome=Outcome.UNOPENABLE_WITH_GROUND_TRUTH)
     assert draw_all([shut], tmp_path) == []
     draw_all([trial([0.95]), shut], tmp_path / "with")
     draw_all([trial([0.95])], tmp_path / "without")
@@ -196,8 +200,7 @@ def test_links_that_the_truth_does_not_open_are_not_counted(tmp_path: Path):
 
 
 def test_missing_values_leave_a_gap(tmp_path: Path):
-    record = trial([0.1, 0.2, 0.95])
-    record["per_step"]["open_ratio"] = [0.1, None, 0.95]
+    record = trial([0.1, 0.2, 0.95], open_ratio=(0.1, None, 0.95))
     draw_policy_signals([record], tmp_path / "signals.png")
     assert step_of_success(record) == 3
 

@@ -16,9 +16,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest.importorskip("rclpy", reason="ROS is not installed")
 from flowbothd_common.errors import FlowBotError, ObjectModelError, ParameterError
-from flowbothd_evaluation.paper import eval_command
+from flowbothd_evaluation.paper import paper_command
 from flowbothd_evaluation.paper.cases import PROCEDURAL, find_cases
 from flowbothd_evaluation.paper.methods import (
     METHODS,
@@ -28,13 +27,14 @@ from flowbothd_evaluation.paper.methods import (
 )
 from flowbothd_evaluation.paper.procedural_folder import make_object
 from flowbothd_evaluation.paper.suites import SUITES
-from flowbothd_evaluation.paper.trial import EvalTrial, record_key, run_trial
-from flowbothd_evaluation.resumable import read_records
+from flowbothd_evaluation.paper.trial import PaperTrial, run_trial
+from flowbothd_evaluation.record_files import from_json, read_records, to_json
+from flowbothd_evaluation.records import PaperRecord, Seconds
 from flowbothd_model.data.procedural.catalogue import make
 from flowbothd_model.data.splits import NEVER_TRAINED_ON, held_out_ids
 from flowbothd_model.predictor import find_weights
 
-pytestmark = [pytest.mark.ros, pytest.mark.timeout(300)]
+pytestmark = pytest.mark.timeout(300)
 
 PARTNET = Path(__file__).parents[4] / "shared" / "data" / "partnet_mobility"
 needs_data = pytest.mark.skipif(not PARTNET.is_dir(), reason="no PartNet-Mobility objects here")
@@ -48,15 +48,15 @@ def case_of(name):
 
 def trial_of(case, link, method="oracle", **changes):
     chosen = METHODS[method]
-    made = EvalTrial(case, link, 0, method, chosen.switches, "robot", chosen.weights, 30, 0)
+    made = PaperTrial(case, link, 0, method, chosen.switches, "robot", chosen.weights, 30, 0)
     return replace(made, **changes)
 
 
 def command(*words):
     """Run the command that evaluates; errors come through."""
     parser = argparse.ArgumentParser()
-    eval_command.add_arguments(parser)
-    return eval_command.run(parser.parse_args(words))
+    paper_command.add_arguments(parser)
+    return paper_command.run(parser.parse_args(words))
 
 
 def evaluate(out, *arguments):
@@ -64,29 +64,31 @@ def evaluate(out, *arguments):
 
 
 def without_times(records):
-    return [{k: v for k, v in r.items() if k != "seconds"} for r in records]
+    return [replace(record, seconds=Seconds()) for record in records]
 
 
 def test_the_truth_opens_a_procedural_object_and_chance_is_recorded_too():
     case = case_of(DISHWASHER)
     record = run_trial(trial_of(case, case.links[0]))
-    assert record["success"] and record["outcome"] == "opened" and record["open_ratio"] > 0.9
-    assert record["normalized_distance"] == pytest.approx(1 - record["open_ratio"])
-    steps = record["per_step"]
-    assert {len(values) for values in steps.values()} == {record["steps"]}
-    assert steps["open_ratio"][-1] == record["open_ratio"]
-    assert min(steps["cosine"]) > 0.99 and max(steps["rmse"]) < 0.05
+    assert record.success and record.outcome == "opened" and record.open_ratio > 0.9
+    assert record.normalized_distance == pytest.approx(1 - record.open_ratio)
+    steps = record.per_step
+    assert {len(values) for values in vars(steps).values()} == {record.steps}
+    assert steps.open_ratio[-1] == record.open_ratio
+    assert min(steps.cosine) > 0.99 and max(steps.rmse) < 0.05
     by_chance = run_trial(trial_of(case, case.links[0], "random"))
-    assert by_chance["steps"] >= 1 and max(by_chance["per_step"]["cosine"]) < 0.5
-    json.dumps([record, by_chance], allow_nan=False)
+    assert by_chance.steps >= 1 and max(by_chance.per_step.cosine) < 0.5
+    for one in (record, by_chance):
+        assert "NaN" not in to_json(one)
+        assert from_json(PaperRecord, to_json(one), "here") == one
 
 
 def test_without_a_target_the_link_that_opened_most_counts():
     case = case_of(MICROWAVE)
     record = run_trial(trial_of(case, ""))
-    assert record["target_mask"] == "none" and record["link"] in case.links
-    assert record["success"]
-    assert record_key(record) == trial_of(case, "").key()
+    assert record.target_mask == "none" and record.link in case.links
+    assert record.success
+    assert record.key == trial_of(case, "").key
 
 
 def test_the_same_trial_is_the_same_record():
@@ -94,7 +96,7 @@ def test_the_same_trial_is_the_same_record():
     first, again = without_times([run_trial(trial), run_trial(trial)])
     assert first == again
     other = run_trial(replace(trial, trial=1))
-    assert other["seed"] != first["seed"] and other["per_step"] != first["per_step"]
+    assert other.seed != first.seed and other.per_step != first.per_step
 
 
 def test_a_simulated_procedural_object_is_the_one_that_was_trained_on():
@@ -132,21 +134,22 @@ def broken(tmp_path):
     return tmp_path
 
 
+@pytest.mark.long
 def test_what_cannot_be_simulated_has_its_records(broken, tmp_path, capsys):
     out = tmp_path / "results.jsonl"
     arguments = ("--method", "oracle", "--trials", "2", "--jobs", "1", "--out", str(out))
     assert command("--objects", str(broken), *arguments) == 0
-    records = read_records(out)
+    records = read_records(out, PaperRecord)
     cases = find_cases([str(broken)])
     assert len(records) == sum(len(case.links) for case in cases) * 2 == 6
     # What the truth cannot even try is no failure of a method: it never was a trial.
-    shut = {r["outcome"] for r in records if r["object"] != "whole"}
+    shut = {r.outcome for r in records if r.object != "whole"}
     assert shut == {"unopenable_with_ground_truth"}
     said = capsys.readouterr().out
     assert "meshless link_1 (error)" in said and "limitless link_1 (error)" in said
     trials = {case.name: run_trial(trial_of(case, "link_1")) for case in cases}
-    assert trials["meshless"]["outcome"] == "error" and ".obj" in trials["meshless"]["reason"]
-    assert "limits" in trials["limitless"]["reason"]
+    assert trials["meshless"].outcome == "error" and ".obj" in trials["meshless"].reason
+    assert "limits" in trials["limitless"].reason
 
 
 def test_a_link_that_cannot_be_seen_is_not_visible(tmp_path):
@@ -165,7 +168,7 @@ def test_a_link_that_cannot_be_seen_is_not_visible(tmp_path):
     )
     (case,) = find_cases([str(folder)])
     record = run_trial(trial_of(case, "inside"))
-    assert record["outcome"] == "not_visible" and not record["success"]
+    assert record.outcome == "not_visible" and not record.success
 
 
 def test_an_unexpected_failure_is_a_record_as_well(monkeypatch):
@@ -176,21 +179,23 @@ def test_an_unexpected_failure_is_a_record_as_well(monkeypatch):
 
     monkeypatch.setattr(module, "FloatingWorld", fails)
     record = run_trial(trial_of(case_of(DISHWASHER), "link_1"))
-    assert record["outcome"] == "error" and "went away" in record["reason"]
+    assert record.outcome == "error" and "went away" in record.reason
 
 
+@pytest.mark.long
 def test_records_do_not_depend_on_the_number_of_processes(tmp_path):
     results = []
     for jobs in ("1", "3"):
         out = tmp_path / jobs / "results.jsonl"
         arguments = ("--method", "random", "--trials", "4", "--jobs", jobs, "--no-filter")
         assert evaluate(out, *arguments) == 0
-        records = {record_key(r): r for r in without_times(read_records(out))}
+        records = {r.key: r for r in without_times(read_records(out, PaperRecord))}
         assert len(records) == 4
         results.append(records)
     assert results[0] == results[1]
 
 
+@pytest.mark.long
 def test_twenty_interruptions_lose_and_double_nothing(tmp_path):
     """SIGKILL at random moments; the last run is left to end."""
     out = tmp_path / "results.jsonl"
@@ -218,28 +223,38 @@ def test_twenty_interruptions_lose_and_double_nothing(tmp_path):
             with out.open("ab") as file:
                 file.write(b'{"number": 3, "va')
     subprocess.run(command, check=True, timeout=120, capture_output=True)
-    records = read_records(out)
+    records = [json.loads(line) for line in out.read_text().splitlines()]
     assert sorted(r["number"] for r in records) == list(range(400))
     assert all(r["value"] == r["number"] ** 2 for r in records)
 
 
 STUB = """
 import sys, time
+from dataclasses import dataclass
 from pathlib import Path
+from typing import ClassVar
 from flowbothd_evaluation.resumable import run_resumable
+
+@dataclass
+class Square:
+    KIND: ClassVar[str] = "square"
+    number: int
+    value: int
+
+    @property
+    def key(self):
+        return self.number
 
 def square(number):
     time.sleep(0.01)
-    return {"number": number, "value": number ** 2}
-
-def name(record):
-    return record["number"]
+    return Square(number, number ** 2)
 
 if __name__ == "__main__":
-    run_resumable({n: n for n in range(400)}, square, name, Path(sys.argv[1]), 2)
+    run_resumable({n: n for n in range(400)}, square, Square, Path(sys.argv[1]), 2)
 """
 
 
+@pytest.mark.long
 def test_weights_trained_anew_are_tried_anew(tmp_path):
     """Records of other weights by the same name do not count as done."""
     weights = tmp_path / "mine.safetensors"
@@ -248,15 +263,15 @@ def test_weights_trained_anew_are_tried_anew(tmp_path):
     arguments = ("--method", "flowbothd-nodiffusion", "--trials", "1", "--steps", "1", "--jobs")
     arguments += ("1", "--no-filter", "--weights", f"flowbothd-nodiffusion={weights}")
     assert evaluate(out, *arguments) == 0
-    first = read_records(out)
+    first = read_records(out, PaperRecord)
     assert evaluate(out, *arguments) == 0
-    assert read_records(out) == first
+    assert read_records(out, PaperRecord) == first
     shutil.copy(find_weights("compact-flowbot3d-ro"), weights)
     assert evaluate(out, *arguments) == 0
-    both = read_records(out)
+    both = read_records(out, PaperRecord)
     assert len(both) == 2 * len(first)
-    assert {r["weights"] for r in both} == {str(weights)}
-    assert len({r["weights_sha256"] for r in both}) == 2
+    assert {r.weights for r in both} == {str(weights)}
+    assert len({r.weights_sha256 for r in both}) == 2
 
 
 def test_two_commands_do_not_write_the_same_file(tmp_path):
@@ -333,7 +348,8 @@ def test_downloads_are_taken_as_they_are():
 
 
 @needs_data
+@pytest.mark.long
 def test_the_truth_opens_the_door_and_the_drawers_of_the_demonstrations():
     for case in find_cases([str(PARTNET / "raw")]):
         for link in case.openable:
-            assert run_trial(trial_of(case, link))["success"], (case.name, link)
+            assert run_trial(trial_of(case, link)).success, (case.name, link)

@@ -209,38 +209,38 @@ def run_with() -> Callable[..., tuple[RunRecord, Disturbed]]:
 
 
 def reasons(record: RunRecord, motion: str) -> list[str]:
-    return [entry["reason"] for entry in record.motions if entry["motion"] == motion]
+    return [entry.reason for entry in record.motions if entry.motion == motion]
 
 
 def test_a_part_that_comes_off_is_grasped_again(run_with: Callable) -> None:
     record, _ = run_with(LosesVacuum)
     assert "suction_lost" in reasons(record, "flow_step")
     assert len(reasons(record, "approach")) > 1
-    assert record.summary()["outcome"] in ("opened", "gave_up", "not_opened")
+    assert record.summary().outcome in ("opened", "gave_up", "not_opened")
 
 
 def test_frozen_joint_states_end_the_run(run_with: Callable) -> None:
     record, _ = run_with(FreezesJoints, lag_limit=0.15)
     assert reasons(record, "approach")[0] == "lagging"
-    assert record.summary()["outcome"] != "opened"
-    assert record.summary()["reason"]
+    assert record.summary().outcome != "opened"
+    assert record.summary().reason
 
 
 def test_a_spike_of_force_stops_and_latches_and_the_policy_gives_up(run_with: Callable) -> None:
     record, _ = run_with(SpikesForce, force_limit=40.0)
     assert reasons(record, "approach")[0] == "force_limit"
     assert set(reasons(record, "retreat") + reasons(record, "approach")[1:]) <= {"rejected"}
-    assert "motion/clear_stop" in str([entry["message"] for entry in record.motions])
-    assert record.summary()["outcome"] != "opened"
+    assert "motion/clear_stop" in str([entry.message for entry in record.motions])
+    assert record.summary().outcome != "opened"
 
 
 def test_a_controller_that_rejects_in_silence_is_noticed(run_with: Callable) -> None:
     record, world = run_with(RejectsTrajectories, lag_limit=0.15)
     assert reasons(record, "approach")[0] == "lagging"
-    first = next(entry for entry in record.motions if entry["motion"] == "approach")
-    assert "rejected the trajectory" in first["message"]
+    first = next(entry for entry in record.motions if entry.motion == "approach")
+    assert "rejected the trajectory" in first.message
     assert world.sent > 0
-    assert record.summary()["outcome"] != "opened"
+    assert record.summary().outcome != "opened"
 
 
 def test_a_goal_inside_the_table_moves_nothing_and_the_policy_goes_on(
@@ -259,11 +259,11 @@ def test_a_goal_inside_the_table_moves_nothing_and_the_policy_goes_on(
 
     monkeypatch.setattr(ArmPolicyWorld, "move", sinking)
     record, world = run_with(Disturbed)
-    first = [entry for entry in record.motions if entry["motion"] == "approach"][:2]
-    assert {entry["reason"] for entry in first} <= {"unreachable", "collision"}
-    assert all(entry["reached_fraction"] == 0 and entry["message"] for entry in first)
+    first = [entry for entry in record.motions if entry.motion == "approach"][:2]
+    assert {entry.reason for entry in first} <= {"unreachable", "collision"}
+    assert all(entry.reached_fraction == 0 and entry.message for entry in first)
     assert not any("table" in pair for pair in world.worst_contacts())
-    assert record.summary()["outcome"] == "opened"
+    assert record.summary().outcome == "opened"
 
 
 @pytest.mark.parametrize(("fault", "costs"), [(MissesBeats, False), (MissesManyBeats, True)])
@@ -273,8 +273,8 @@ def test_a_late_heartbeat_costs_a_step_at_most_and_not_the_run(
     """The incident: the arm was held mid-pull, and snapped after its reference at 23 rad/s."""
     record, world = run_with(fault)
     assert ("lagging" in reasons(record, "flow_step")) == costs
-    assert record.summary()["outcome"] == "opened"
-    assert record.summary()["grasps"] == 1, "the part was held all the time"
+    assert record.summary().outcome == "opened"
+    assert record.summary().grasps == 1, "the part was held all the time"
     assert world.fastest < 2.2
 
 
@@ -282,5 +282,5 @@ def test_a_preempted_trajectory_ends_and_the_policy_goes_on(run_with: Callable) 
     record, world = run_with(IsPreempted, lag_limit=0.15)
     assert reasons(record, "approach")[0] == "lagging"
     assert len(record.motions) > 1
-    assert record.summary()["outcome"] == "opened"
+    assert record.summary().outcome == "opened"
     assert world.fastest < 2.2

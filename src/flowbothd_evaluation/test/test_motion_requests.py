@@ -2,13 +2,20 @@
 
 from __future__ import annotations
 
+import importlib.util
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from flowbothd_common.motion import MotionKind
-from flowbothd_evaluation.benchmarks.bench_motion import run_shard, summarise
+from flowbothd_evaluation.benchmarks.bench_motion import (
+    _PARTS,
+    _PLANNING,
+    _timing_split,
+    run_shard,
+    summarise,
+)
 from flowbothd_evaluation.benchmarks.motion_requests import (
     Verdict,
     draw,
@@ -84,3 +91,21 @@ def test_the_summary_counts_everything() -> None:
     assert row["requests"] == 2
     assert row["reasons"] == {"reached": 1, "rejected": 1}
     assert row["planning_median_ms"] == 10.0
+
+
+def test_the_parts_of_planning_are_modules_that_exist() -> None:
+    """A renamed module would otherwise be counted as the rest, without a word."""
+    modules = [module for modules in _PARTS.values() for module in modules]
+    modules.append(_PLANNING)
+    assert [name for name in modules if importlib.util.find_spec(name) is None] == []
+
+
+@pytest.mark.long
+def test_the_shares_of_planning_add_up_and_most_of_an_approach_is_known() -> None:
+    split = _timing_split(12)
+    assert "approach" in split
+    for parts in split.values():
+        assert sum(parts.values()) == pytest.approx(1.0, abs=0.01)
+        assert set(parts) <= {*_PARTS, "rest"}
+    assert split["approach"]["inverse kinematics"] > 0.4
+    assert split["approach"]["rest"] < 0.4

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,10 +11,12 @@ from flowbothd_common.errors import ParameterError
 from flowbothd_common.transforms import angle_between, apply, inverse
 from flowbothd_evaluation.openings.attempt import run_attempt
 from flowbothd_evaluation.openings.part import TruePart
-from flowbothd_evaluation.openings.runs import Run, key_of, make_run, record_key, table
+from flowbothd_evaluation.openings.runs import Run, make_run, table
 from flowbothd_evaluation.openings.search import Place, PlaceSearch
-from flowbothd_evaluation.openings.task import load_openings
+from flowbothd_evaluation.openings.task import key_of, load_openings
 from flowbothd_evaluation.openings.views import camera_view
+from flowbothd_evaluation.record_files import from_json, to_json
+from flowbothd_evaluation.records import OpeningRecord, Seconds, Touch
 from sim_bridge.ground_truth import FlowOracle
 
 OPENINGS = load_openings()
@@ -83,29 +84,47 @@ def test_an_unknown_task_names_those_that_exist() -> None:
         load_openings(["wardrobe"])
 
 
+_RUN = OpeningRecord(
+    task="lid",
+    seed=0,
+    at=(),
+    reached=1.2,
+    left=0.0,
+    opened=True,
+    clean=True,
+    suction_breaks=(),
+    touches=(),
+    peak_force={"open": 5.0, "probe": 6.0},
+    peak_torque={"open": 0.1},
+    reasons=(),
+    grasp_error=(0.0, 0.0),
+    planning_ms={},
+    seconds=Seconds(),
+)
+
+
 @pytest.fixture(scope="module")
-def drawer() -> dict[str, Any]:
+def drawer() -> OpeningRecord:
     return make_run(Run(OPENINGS["drawer"], 0, None))
 
 
 @pytest.mark.long
-def test_the_drawer_opens_from_its_committed_pose_without_a_touch(drawer: dict[str, Any]) -> None:
-    assert drawer["opened"]
-    assert drawer["clean"], (drawer["suction_breaks"], drawer["touches"])
-    assert drawer["reasons"][0] == "approach reached"
-    assert drawer["reasons"][-1] == "retreat reached"
-    assert 0 < drawer["peak_force"]["open"] < 40
+def test_the_drawer_opens_from_its_committed_pose_without_a_touch(drawer: OpeningRecord) -> None:
+    assert drawer.opened
+    assert drawer.clean, (drawer.suction_breaks, drawer.touches)
+    assert drawer.reasons[0] == "approach reached"
+    assert drawer.reasons[-1] == "retreat reached"
+    assert 0 < drawer.peak_force["open"] < 40
     # It started from home: at the standoff nothing had happened yet.
-    assert drawer["peak_force"]["approach"] == 0
+    assert drawer.peak_force["approach"] == 0
+    assert from_json(OpeningRecord, to_json(drawer), "here") == drawer
 
 
 @pytest.mark.long
-def test_equal_seeds_give_equal_runs(drawer: dict[str, Any]) -> None:
+def test_equal_seeds_give_equal_runs(drawer: OpeningRecord) -> None:
     again = run_attempt(OPENINGS["drawer"], 0)
-    measured = {"planning_ms", "wall_s", "at"}
-    assert {k: v for k, v in again.items() if k not in measured} == {
-        k: v for k, v in drawer.items() if k not in measured
-    }
+    first, again = (replace(r, planning_ms={}, seconds=Seconds()) for r in (drawer, again))
+    assert first == again
 
 
 def test_another_pose_is_another_run() -> None:
@@ -113,25 +132,14 @@ def test_another_pose_is_another_run() -> None:
     moved = opening.standing((0.4, 0.1), opening.yaw, opening.grasp)
     assert key_of(opening, 0) != key_of(moved, 0)
     assert key_of(opening, 0) != key_of(opening, 1)
-    record = {"task": "drawer", "seed": 0, "at": list(key_of(opening, 0)[2])}
-    assert record_key(record) == key_of(opening, 0)
+    at = key_of(opening, 0)[2]
+    assert replace(_RUN, task="drawer", at=at).key == key_of(opening, 0)
 
 
 def test_the_table_counts_runs_that_opened_without_break_or_touch() -> None:
-    good = {
-        "task": "lid",
-        "seed": 0,
-        "reached": 1.2,
-        "opened": True,
-        "clean": True,
-        "suction_breaks": [],
-        "touches": [],
-        "peak_force": {"open": 5.0, "probe": 6.0},
-        "peak_torque": {"open": 0.1},
-    }
-    touch = {"link": "suction_body", "thing": "lid", "phase": "leave", "time": 9.0, "peak": 31.0}
-    bad = {**good, "seed": 1, "reached": 0.5, "opened": False, "clean": False, "touches": [touch]}
-    text = table({"lid": OPENINGS["lid"]}, [good, bad])
+    touch = Touch("suction_body", "lid", "leave", 9.0, 31.0)
+    bad = replace(_RUN, seed=1, reached=0.5, opened=False, clean=False, touches=(touch,))
+    text = table({"lid": OPENINGS["lid"]}, [_RUN, bad])
     assert "**1 of 2**" in text
     assert "suction_body - lid 1x, 31 N (leave)" in text
     assert "48.7 / 28.6" in text

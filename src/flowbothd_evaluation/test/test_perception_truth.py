@@ -9,7 +9,7 @@ import pytest
 from flowbothd_common.transforms import apply, look_at, rotation_about, rotation_angle, transform
 from flowbothd_evaluation.benchmarks.perception_scenes import TruthScenes
 from flowbothd_evaluation.benchmarks.perception_truth import KINDS, TruthCheck, compare, displaced
-from flowbothd_evaluation.benchmarks.real_clouds import read_recorded
+from flowbothd_evaluation.paper.analysis.recorded_clouds import read_recorded
 from flowbothd_perception.params import RobotFilterParams
 from flowbothd_perception.robot_filter import RobotFilter
 from franka_suction_driver.arm.description import compose_urdf

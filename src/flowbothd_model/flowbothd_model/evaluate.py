@@ -17,6 +17,7 @@ import numpy as np
 import torch
 from tqdm import tqdm
 
+from flowbothd_common.markdown import markdown_table
 from flowbothd_common.types import Cloud, History
 from flowbothd_model.data.articulated import ArticulatedObject, flow_of, max_normalised
 from flowbothd_model.data.camera import robot_view
@@ -182,11 +183,11 @@ def markdown(scores: dict[str, dict[str, Scores]]) -> str:
     lines = []
     for situation, by_category in scores.items():
         lines.append(f"\n**{situation.replace('_', ' ')}**\n")
-        lines.append("| category | " + " | ".join(columns.values()) + " |")
-        lines.append("|---" * (len(columns) + 1) + "|")
-        for name, row in by_category.items():
-            cells = (f"{vars(row)[c]:.3f}" if c != "clouds" else str(row.clouds) for c in columns)
-            lines.append(f"| {name} | " + " | ".join(cells) + " |")
+        rows = [
+            (name, *(f"{vars(row)[c]:.3f}" if c != "clouds" else str(row.clouds) for c in columns))
+            for name, row in by_category.items()
+        ]
+        lines.append(markdown_table(("category", *columns.values()), rows))
     return "\n".join(lines)
 
 

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
@@ -13,36 +11,37 @@ from flowbothd_common.ros import qos
 from flowbothd_common.ros.clouds import from_flow_message
 from flowbothd_common.ros.conversions import from_result, from_xyz, to_seconds
 from flowbothd_evaluation.run_record.record import (
+    MotionEntry,
     PredictionSample,
     RunRecord,
     StateSample,
-    motion_entry,
 )
 from flowbothd_interfaces.msg import FlowPrediction, MotionResult, PolicyDecision, SimState
+from flowbothd_policy.commands import Decision
 
 
-def decision_of(message: PolicyDecision) -> dict[str, Any]:
-    """The decision that a PolicyDecision message carries, as the record keeps it."""
-    return {
-        "sequence": message.sequence,
-        "time": to_seconds(message.header.stamp),
-        "state": message.state,
-        "event": message.event,
-        "decision": message.decision,
-        "reason": message.reason,
-        "step": message.step,
-        "grasps": message.grasps,
-        "trials": message.trials,
-        "prediction_stamp": to_seconds(message.prediction_stamp),
-        "chosen_sample": message.chosen_sample,
-        "grasp_point": from_xyz(message.grasp_point),
-        "flow": from_xyz(message.flow),
-        "tool_motion": from_xyz(message.tool_motion),
-        "history_updated": message.history_updated,
-        "grasp_switched": message.grasp_switched,
-        "opening": message.opening,
-        "outcome": message.outcome,
-    }
+def decision_of(message: PolicyDecision) -> Decision:
+    """Return the decision that a PolicyDecision message carries."""
+    return Decision(
+        sequence=message.sequence,
+        time=to_seconds(message.header.stamp),
+        state=message.state,
+        event=message.event,
+        decision=message.decision,
+        reason=message.reason,
+        step=message.step,
+        grasps=message.grasps,
+        trials=message.trials,
+        prediction_stamp=to_seconds(message.prediction_stamp),
+        chosen_sample=message.chosen_sample,
+        grasp_point=from_xyz(message.grasp_point),
+        flow=from_xyz(message.flow),
+        tool_motion=from_xyz(message.tool_motion),
+        history_updated=message.history_updated,
+        grasp_switched=message.grasp_switched,
+        opening=message.opening,
+        outcome=message.outcome,
+    )
 
 
 class Collector:
@@ -76,7 +75,7 @@ class Collector:
 
     def _on_result(self, message: MotionResult) -> None:
         time = to_seconds(message.header.stamp)
-        self._record.motions.append(motion_entry(from_result(message), time))
+        self._record.motions.append(MotionEntry.of(from_result(message), time))
 
     def _on_prediction(self, message: FlowPrediction) -> None:
         if message.ok:

@@ -5,6 +5,8 @@ from __future__ import annotations
 import html
 from pathlib import Path
 
+import numpy as np
+
 from flowbothd.view.cloud_pictures import draw_choices
 from flowbothd_evaluation.run_record.pictures import View, draw_strip, write_animation
 from flowbothd_evaluation.run_record.record import RunRecord
@@ -54,31 +56,25 @@ def _page(record: RunRecord, pictures: list[str]) -> str:
     motions = [
         _row(
             [
-                f"{m['time']:.1f}",
-                m["motion"],
-                m["reason"],
-                f"{m['peak_force']:.0f}",
-                f"{100 * float(sum(v * v for v in m['tool_motion'])) ** 0.5:.1f}",
-                m["message"],
+                f"{m.time:.1f}",
+                m.motion,
+                m.reason,
+                f"{m.peak_force:.0f}",
+                f"{100 * float(np.linalg.norm(m.tool_motion)):.1f}",
+                m.message,
             ]
         )
         for m in record.motions
     ]
     decisions = [
-        _row(
-            [
-                f"{d.get('time', 0.0):.1f}",
-                *(d.get(key, "") for key in ("event", "decision", "step", "grasps", "trials")),
-                d["reason"],
-            ]
-        )
+        _row([f"{d.time:.1f}", d.event, d.decision, d.step, d.grasps, d.trials, d.reason])
         for d in record.decisions
     ]
-    title = f"{record.object} {record.mode}: {summary['outcome']}".strip()
+    title = f"{record.object} {record.mode}: {summary.outcome}".strip()
     return _PAGE.format(
         title=html.escape(title),
         pictures="\n".join(pictures),
-        summary="".join(_row([key, value]) for key, value in summary.items()),
+        summary="".join(_row([key, value]) for key, value in vars(summary).items()),
         motions="".join(motions),
         decisions="".join(decisions),
     )

@@ -12,6 +12,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 from flowbothd_evaluation.run_record.record import PredictionSample, RunRecord
+from flowbothd_policy.commands import Decision
 
 MOST = 8
 """Moments that are drawn."""
@@ -21,12 +22,12 @@ _LENGTH = 0.1
 """Length of the arrow of the largest flow [m]."""
 
 
-def choices(record: RunRecord) -> list[tuple[dict[str, Any], PredictionSample]]:
+def choices(record: RunRecord) -> list[tuple[Decision, PredictionSample]]:
     """Decisions that act upon a prediction, each with it, in order."""
     found = []
     seen: set[tuple[float, int]] = set()
     for decision in record.decisions:
-        sample, stamp = int(decision["chosen_sample"]), float(decision["prediction_stamp"])
+        sample, stamp = decision.chosen_sample, decision.prediction_stamp
         key = (stamp, sample)
         if sample < 0 or key in seen:
             continue
@@ -60,16 +61,16 @@ def draw_choices(record: RunRecord, path: Path) -> bool:
     return True
 
 
-def _draw(axes: Any, decision: dict[str, Any], prediction: PredictionSample) -> None:
-    points, flow = prediction.points, prediction.flows[int(decision["chosen_sample"])]
+def _draw(axes: Any, decision: Decision, prediction: PredictionSample) -> None:
+    points, flow = prediction.points, prediction.flows[decision.chosen_sample]
     chosen = np.unique(np.linspace(0, len(points) - 1, min(len(points), _ARROWS)).astype(int))
     axes.scatter(*points.T, s=3, color="0.45", linewidths=0)
     arrows = flow[chosen] * _LENGTH
     axes.quiver(*points[chosen].T, *arrows.T, color="#2e8b57", linewidth=0.9)
-    grasp, pull = np.asarray(decision["grasp_point"]), np.asarray(decision["flow"])
+    grasp, pull = decision.grasp_point, decision.flow
     axes.scatter(*grasp[:, None], s=30, color="#c0392b")
     axes.quiver(*grasp[:, None], *(2 * _LENGTH * pull)[:, None], color="#c0392b", linewidth=2)
     axes.view_init(elev=20, azim=-75)
     axes.set_axis_off()
-    title = f"{decision['time']:.1f} s, step {decision['step']}: {decision['decision']}"
+    title = f"{decision.time:.1f} s, step {decision.step}: {decision.decision}"
     axes.set_title(title, fontsize=8)

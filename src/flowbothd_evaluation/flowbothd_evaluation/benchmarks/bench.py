@@ -10,7 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from flowbothd_evaluation.run_record.record import write_json
+from flowbothd_common.markdown import markdown_table
+from flowbothd_evaluation.record_files import write_json
 
 
 @dataclass(frozen=True)
@@ -49,17 +50,19 @@ def measure(
 
 def timing_table(timings: Mapping[str, Timing], baseline: str) -> str:
     """Markdown table in milliseconds, with the ratio of every median to the baseline's."""
-    lines = [
-        "| operation | median [ms] | p99 [ms] | baseline / median | repetitions |",
-        "|---|---|---|---|---|",
-    ]
     base = timings[baseline].median
-    for name, t in timings.items():
-        lines.append(
-            f"| {name} | {1e3 * t.median:.3f} | {1e3 * t.p99:.3f} | {base / t.median:.2f} "
-            f"| {t.repetitions} |"
+    rows = [
+        (
+            name,
+            f"{1e3 * t.median:.3f}",
+            f"{1e3 * t.p99:.3f}",
+            f"{base / t.median:.2f}",
+            t.repetitions,
         )
-    return "\n".join(lines)
+        for name, t in timings.items()
+    ]
+    head = ("operation", "median [ms]", "p99 [ms]", "baseline / median", "repetitions")
+    return markdown_table(head, rows)
 
 
 def add_json_argument(parser: argparse.ArgumentParser) -> None:

@@ -9,25 +9,22 @@ from __future__ import annotations
 import argparse
 import json
 import os
+import signal
 import sys
-import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 import numpy as np
 from tqdm import tqdm
 
+from flowbothd_common.markdown import markdown_table
 from flowbothd_evaluation.benchmarks.motion_requests import Verdict, draw, run_request
-from flowbothd_evaluation.run_record.record import write_json
-from franka_suction_driver.arm import trajectory
+from flowbothd_evaluation.record_files import write_json
 from franka_suction_driver.arm.kinematics import make_kinematics
-from franka_suction_driver.execution import tool_path
 from franka_suction_driver.execution.executor import MotionExecutor
-from franka_suction_driver.planning import planner
-from franka_suction_driver.planning.collision import CollisionChecker
 from franka_suction_driver.simulated import sim_motion_params
 
 SHARD = 100
@@ -120,51 +117,58 @@ def _sharded(requests: int, folder: Path) -> Iterator[Verdict]:
             yield from (Verdict(**entry) for entry in json.loads(file.read_text()))
 
 
-class _Stopwatch:
-    """Adds up the time spent in named parts; of nested parts the outermost counts."""
+_PARTS = {
+    "inverse kinematics": (
+        "franka_suction_driver.planning.inverse_kinematics",
+        "franka_suction_driver.execution.tool_solver",
+    ),
+    "timing": ("franka_suction_driver.arm.trajectory",),
+    "collision": ("franka_suction_driver.planning.collision",),
+}
+"""Parts of planning and the modules that make them up; of nested parts the outermost counts."""
+
+_PLANNING = "franka_suction_driver.execution.executor"
+"""Module through which all planning is asked for."""
+
+_SAMPLING = 1e-3
+"""Processor time between two looks at what planning is doing [s]; kernels may round it up."""
+
+
+class _Sampler:
+    """Counts in which part of planning the processor's time is spent, by looking now and then.
+
+    The planner runs as in the nodes: nothing of it is replaced, and a look costs it a few
+    microseconds. The timer runs on between requests, so that no part of a plan is looked at more
+    often than another. For the main thread alone, since that is where Python handles signals.
+
+    Attributes:
+        looks: By kind of motion and part.
+        kind: Of the motion that is being planned.
+    """
 
     def __init__(self) -> None:
-        self.spent: dict[str, float] = {}
-        self._inside = ""
+        self.looks: dict[str, Counter[str]] = {}
+        self.kind = ""
+        self._part_of = {module: part for part, modules in _PARTS.items() for module in modules}
 
-    def wrapped(self, name: str, function: Callable[..., Any]) -> Callable[..., Any]:
-        def timed(*arguments: Any, **keywords: Any) -> Any:
-            if self._inside:
-                return function(*arguments, **keywords)
-            self._inside = name
-            began = time.thread_time()
-            try:
-                return function(*arguments, **keywords)
-            finally:
-                self.spent[name] = self.spent.get(name, 0.0) + time.thread_time() - began
-                self._inside = ""
+    def __enter__(self) -> _Sampler:
+        self._before = signal.signal(signal.SIGPROF, self._look)
+        signal.setitimer(signal.ITIMER_PROF, _SAMPLING, _SAMPLING)
+        return self
 
-        return timed
+    def __exit__(self, *_: object) -> None:
+        signal.setitimer(signal.ITIMER_PROF, 0.0)
+        signal.signal(signal.SIGPROF, self._before)
 
-
-@contextmanager
-def _watched(stopwatch: _Stopwatch) -> Iterator[None]:
-    """Time IK, Ruckig and collision checks wherever planning calls them."""
-    parts: tuple[tuple[str, Any, str], ...] = (
-        ("IK", planner, "solve"),
-        ("IK", planner, "follow"),
-        ("IK", tool_path, "_stepped"),
-        ("Ruckig", trajectory, "_solve"),
-        ("Ruckig", trajectory.Profile, "sample"),
-        ("Ruckig", trajectory.Profile, "at"),
-        ("collision", CollisionChecker, "free"),
-        ("collision", CollisionChecker, "touch"),
-        ("collision", CollisionChecker, "touches"),
-        ("collision", CollisionChecker, "edge_free"),
-    )
-    kept = [(owner, name, getattr(owner, name)) for _, owner, name in parts]
-    try:
-        for part, owner, name in parts:
-            setattr(owner, name, stopwatch.wrapped(part, getattr(owner, name)))
-        yield
-    finally:
-        for owner, name, function in kept:
-            setattr(owner, name, function)
+    def _look(self, _: int, frame: FrameType | None) -> None:
+        found, planning = "rest", False
+        while frame is not None:
+            module = frame.f_globals.get("__name__", "")
+            found = self._part_of.get(module, found)
+            planning |= module == _PLANNING
+            frame = frame.f_back
+        if planning and self.kind:
+            self.looks.setdefault(self.kind, Counter())[found] += 1
 
 
 def _timing_split(count: int) -> dict[str, dict[str, float]]:
@@ -172,46 +176,47 @@ def _timing_split(count: int) -> dict[str, dict[str, float]]:
     params = sim_motion_params()
     executor = MotionExecutor(make_kinematics(params), params, 0)
     rng = np.random.default_rng([21, 0])
-    totals: dict[str, dict[str, float]] = {}
-    for _ in range(count):
-        executor.set_obstacles(None)
-        request = draw(executor, rng)
-        stopwatch = _Stopwatch()
-        with _watched(stopwatch):
-            verdict = run_request(executor, request, only_planning=True)
-        total = totals.setdefault(verdict.kind, {"all": 0.0})
-        total["all"] += verdict.planning
-        for part, spent in stopwatch.spent.items():
-            total[part] = total.get(part, 0.0) + spent
+    with _Sampler() as sampler:
+        for _ in range(count):
+            executor.set_obstacles(None)
+            sampler.kind = ""
+            request = draw(executor, rng)
+            sampler.kind = request.goal.kind.value
+            run_request(executor, request, only_planning=True)
     return {
-        kind: {
-            part: round(spent / total["all"], 3) for part, spent in total.items() if total["all"]
-        }
-        for kind, total in totals.items()
+        kind: {part: round(looks / total.total(), 3) for part, looks in total.items()}
+        for kind, total in sampler.looks.items()
     }
 
 
+_REQUESTS_HEAD = (
+    *("motion", "requests", "faults", "worst limit between samples", "end speed [rad/s]"),
+    *("bend [mm]", "planning median [ms]", "p99 [ms]", "p99 allowed [ms]", "ended by"),
+)
+
+
 def _requests_table(verdicts: Sequence[Verdict]) -> str:
-    lines = [
-        "| motion | requests | faults | worst limit between samples | end speed [rad/s] "
-        "| bend [mm] | planning median [ms] | p99 [ms] | p99 allowed [ms] | ended by |",
-        "|---|---|---|---|---|---|---|---|---|---|",
-    ]
+    rows = []
     for kind, row in summarise(verdicts).items():
         reasons = ", ".join(f"{name} {count}" for name, count in row["reasons"].items())
-        lines.append(
-            f"| {kind} | {row['requests']} | {row['faults']} "
-            f"| {row['largest_ratio_between_samples']:.3f} | {row['largest_end_speed']:g} "
-            f"| {row['largest_bend_mm']:.2f} | {row['planning_median_ms']:.1f} "
-            f"| {row['planning_p99_ms']:.1f} | {_BUDGETS[kind][1]:.0f} | {reasons} |"
+        rows.append(
+            (
+                *(kind, row["requests"], row["faults"]),
+                f"{row['largest_ratio_between_samples']:.3f}",
+                f"{row['largest_end_speed']:g}",
+                f"{row['largest_bend_mm']:.2f}",
+                f"{row['planning_median_ms']:.1f}",
+                f"{row['planning_p99_ms']:.1f}",
+                f"{_BUDGETS[kind][1]:.0f}",
+                reasons,
+            )
         )
-    return "\n".join(lines)
+    return markdown_table(_REQUESTS_HEAD, rows)
 
 
 def _split_table(split: dict[str, dict[str, float]]) -> str:
-    lines = ["| motion | IK | Ruckig | collision | rest |", "|---|---|---|---|---|"]
+    rows = []
     for kind, parts in sorted(split.items()):
-        shares = [parts.get(name, 0.0) for name in ("IK", "Ruckig", "collision")]
-        cells = " | ".join(f"{100 * share:.0f} %" for share in (*shares, 1 - sum(shares)))
-        lines.append(f"| {kind} | {cells} |")
-    return "\n".join(lines)
+        shares = [parts.get(name, 0.0) for name in _PARTS]
+        rows.append((kind, *(f"{100 * share:.0f} %" for share in (*shares, 1 - sum(shares)))))
+    return markdown_table(("motion", *_PARTS, "rest"), rows)

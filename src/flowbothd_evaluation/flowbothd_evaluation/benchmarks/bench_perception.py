@@ -12,6 +12,7 @@ import numpy as np
 import open3d as o3d
 from numpy.typing import NDArray
 
+from flowbothd_common.markdown import markdown_table
 from flowbothd_evaluation.benchmarks.bench import (
     Timing,
     add_json_argument,
@@ -143,13 +144,15 @@ def truth_reports(urdf: str, poses: int, seed: int) -> dict[str, TruthReport]:
     }
 
 
+_TRUTH_HEAD = (
+    *("input", "robot removed", "worst mount", "object kept", "worst object"),
+    *("kept after the crop", "flying removed", "surface kept"),
+)
+
+
 def truth_table(reports: Mapping[str, TruthReport]) -> str:
     """Markdown table of the shares, in total and for the worst object and mount."""
-    lines = [
-        "| input | robot removed | worst mount | object kept | worst object | kept after the crop "
-        "| flying removed | surface kept |",
-        "|---|---|---|---|---|---|---|---|",
-    ]
+    rows = []
     for name, report in reports.items():
         s = report.total.shares()
         mount = min(t.shares()["robot_removed"] for t in report.by_mount.values())
@@ -163,8 +166,8 @@ def truth_table(reports: Mapping[str, TruthReport]) -> str:
             s["flying_removed"],
             s["surface_kept"],
         )
-        lines.append(f"| {name} | " + " | ".join(f"{100 * c:.2f} %" for c in cells) + " |")
-    return "\n".join(lines)
+        rows.append((name, *(f"{100 * c:.2f} %" for c in cells)))
+    return markdown_table(_TRUTH_HEAD, rows)
 
 
 def load_table(load: Load, figures: LoadFigures) -> str:
@@ -179,5 +182,5 @@ def load_table(load: Load, figures: LoadFigures) -> str:
         ("sent to cloud received, p99", f"{figures.outside_p99_ms:.1f} ms"),
         ("of one core's time", f"{100 * figures.cpu_share:.0f} %"),
     )
-    head = f"| perception_node, {load.kind} at {load.rate:g} Hz for {load.seconds:g} s | |"
-    return "\n".join([head, "|---|---|", *(f"| {name} | {value} |" for name, value in rows)])
+    head = f"perception_node, {load.kind} at {load.rate:g} Hz for {load.seconds:g} s"
+    return markdown_table((head, ""), rows)

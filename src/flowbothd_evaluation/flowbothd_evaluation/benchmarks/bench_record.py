@@ -18,7 +18,7 @@ from rclpy.serialization import deserialize_message
 
 from flowbothd_common.environment import node_environment, own_domain
 from flowbothd_common.parameter_files import write_parameters
-from flowbothd_evaluation.run_record.record import write_json
+from flowbothd_evaluation.record_files import write_json
 from flowbothd_rosbag.metadata import BagError, read_metadata
 from flowbothd_rosbag.reader import Bag
 from flowbothd_rosbag.types_ros import message_class

@@ -86,7 +86,7 @@ def run(arguments: argparse.Namespace) -> int:
     for seed in range(arguments.rollouts):
         began = time.perf_counter()
         record, _ = arm_rollout(scene, seed=seed, predictor="oracle")
-        factors.append(record.summary()["sim_s"] / (time.perf_counter() - began))
+        factors.append(record.summary().sim_s / (time.perf_counter() - began))
     if factors:
         sys.stdout.write(
             f"whole runs of the arm: {np.median(factors):.1f} times real time "

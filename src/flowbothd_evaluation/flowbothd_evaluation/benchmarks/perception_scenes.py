@@ -225,4 +225,4 @@ def _surface(part: Part, pose: Array, rng: np.random.Generator) -> NDArray[np.fl
     a, b = np.where(a + b > 1, 1 - a, a), np.where(a + b > 1, 1 - b, b)
     c = corners[chosen]
     points = c[:, 0] + a * (c[:, 1] - c[:, 0]) + b * (c[:, 2] - c[:, 0])
-    return points.astype(np.float32)
+    return np.asarray(points, dtype=np.float32)

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, replace
-from typing import Any
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -20,8 +19,9 @@ from flowbothd_common.transforms import look_at
 from flowbothd_common.types import Array, SuctionPhase
 from flowbothd_evaluation.openings.contacts import TouchLog
 from flowbothd_evaluation.openings.part import TruePart
-from flowbothd_evaluation.openings.task import Opening
+from flowbothd_evaluation.openings.task import Opening, key_of
 from flowbothd_evaluation.openings.views import camera_view
+from flowbothd_evaluation.records import OpeningRecord, Seconds, Touch
 from flowbothd_evaluation.rollout.arm import ArmPolicyWorld
 from flowbothd_evaluation.run_record.record import RunRecord
 from flowbothd_perception.params import PipelineParams
@@ -225,7 +225,7 @@ def _motion_params(opening: Opening, part: TruePart, contact: Array) -> MotionPa
     return replace(params, planning=planning)
 
 
-def run_attempt(opening: Opening, seed: int, watch: Watcher = lambda *_: None) -> dict[str, Any]:
+def run_attempt(opening: Opening, seed: int, watch: Watcher = lambda *_: None) -> OpeningRecord:
     """One run; the seed draws the error of the grasp point, the camera's noise and the planner's.
 
     Args:
@@ -234,7 +234,7 @@ def run_attempt(opening: Opening, seed: int, watch: Watcher = lambda *_: None) -
         watch: Told of moments worth a picture.
 
     Returns:
-        The record, without what planning took equal for equal arguments.
+        The record; but for its durations equal for equal arguments.
     """
     began = time.perf_counter()
     part = TruePart(opening)
@@ -256,30 +256,23 @@ def run_attempt(opening: Opening, seed: int, watch: Watcher = lambda *_: None) -
         Attempt(opening, part, contact, world, driven, log, course, watch).run()
         left = world.object_positions()[world.model.target_joint]
         sim_s = world.time
-    return _entry(opening, seed, error, course, log, left) | {
-        "sim_s": round(sim_s, 2),
-        "wall_s": round(time.perf_counter() - began, 1),
-        "planning_ms": {
-            kind: [round(1e3 * t, 1) for t in times] for kind, times in course.planning.items()
+    touches = tuple(Touch(**vars(touch)) for touch in log.touches.values())
+    return OpeningRecord(
+        task=opening.name,
+        seed=seed,
+        at=key_of(opening, seed)[2],
+        reached=course.reached,
+        left=left,
+        opened=bool(course.reached >= opening.wanted),
+        clean=not course.breaks and not touches,
+        suction_breaks=tuple(course.breaks),
+        touches=touches,
+        peak_force=course.peak_force,
+        peak_torque=course.peak_torque,
+        reasons=tuple(course.reasons),
+        grasp_error=tuple(error.tolist()),
+        planning_ms={
+            kind: tuple(round(1e3 * t, 1) for t in times) for kind, times in course.planning.items()
         },
-    }
-
-
-def _entry(
-    opening: Opening, seed: int, error: Array, course: Course, log: TouchLog, left: float
-) -> dict[str, Any]:
-    touches = [asdict(touch) for touch in log.touches.values()]
-    return {
-        "task": opening.name,
-        "seed": seed,
-        "reached": course.reached,
-        "left": left,
-        "opened": bool(course.reached >= opening.wanted),
-        "clean": not course.breaks and not touches,
-        "suction_breaks": course.breaks,
-        "touches": touches,
-        "peak_force": course.peak_force,
-        "peak_torque": course.peak_torque,
-        "reasons": course.reasons,
-        "grasp_error": error.tolist(),
-    }
+        seconds=Seconds(wall=round(time.perf_counter() - began, 1), simulated=round(sim_s, 2)),
+    )

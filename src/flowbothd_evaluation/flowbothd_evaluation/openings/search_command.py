@@ -1,18 +1,20 @@
-"""`flowbothd bench openings --search`: places judged by kinematics, the best of them simulated."""
+"""`flowbothd eval openings --search`: places judged by kinematics, the best of them simulated."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 
-from flowbothd_evaluation.openings.runs import Run, key_of, make_run, peak, record_key
+from flowbothd_common.markdown import markdown_table
+from flowbothd_evaluation.openings.runs import Run, largest, make_run
 from flowbothd_evaluation.openings.search import Place, PlaceSearch
-from flowbothd_evaluation.openings.task import Opening
-from flowbothd_evaluation.resumable import Record, run_resumable
+from flowbothd_evaluation.openings.task import Opening, key_of
+from flowbothd_evaluation.records import OpeningRecord
+from flowbothd_evaluation.resumable import run_resumable
 
 CHUNK = 100
 FINALISTS = 4
@@ -29,6 +31,22 @@ class Chunk:
     number: int
 
 
+@dataclass(frozen=True)
+class PlacesRecord:
+    """What came of a chunk: its best places."""
+
+    KIND: ClassVar[str] = "places"
+
+    task: str
+    chunk: int
+    places: tuple[Place, ...]
+
+    @property
+    def key(self) -> tuple[str, int]:
+        """By which the record of a chunk is found again."""
+        return self.task, self.chunk
+
+
 def search(openings: dict[str, Opening], places: int, out: Path, jobs: int) -> str:
     """Judge `places` random places of each task, simulate the best; Markdown, best first.
 
@@ -41,7 +59,7 @@ def search(openings: dict[str, Opening], places: int, out: Path, jobs: int) -> s
     count = -(-places // CHUNK)
     work = {(n, k): Chunk(o, k) for n, o in openings.items() for k in range(count)}
     judged = run_resumable(
-        work, _judge, _chunk_key, out.with_suffix(".places.jsonl"), jobs, unit="chunk"
+        work, _judge, PlacesRecord, out.with_suffix(".places.jsonl"), jobs, unit="chunk"
     )
     finalists = {name: _finalists(name, judged) for name in openings}
     runs = {
@@ -52,25 +70,20 @@ def search(openings: dict[str, Opening], places: int, out: Path, jobs: int) -> s
         for seed in range(SEEDS)
     }
     file = out.with_suffix(".finalists.jsonl")
-    records = run_resumable(runs, make_run, record_key, file, jobs, unit="run")
+    records = run_resumable(runs, make_run, OpeningRecord, file, jobs, unit="run")
     parts = [_ranking(openings[name], finalists[name], records) for name in openings]
     return "\n\n".join(parts)
 
 
-def _judge(chunk: Chunk) -> Record:
+def _judge(chunk: Chunk) -> PlacesRecord:
     best = PlaceSearch(chunk.opening).best(CHUNK, chunk.number, 3 * FINALISTS)
-    good = [asdict(place) for place in best if place.reached >= 1]
-    return {"task": chunk.opening.name, "chunk": chunk.number, "places": good}
+    good = tuple(place for place in best if place.reached >= 1)
+    return PlacesRecord(chunk.opening.name, chunk.number, good)
 
 
-def _chunk_key(record: Record) -> tuple[str, int]:
-    return record["task"], record["chunk"]
-
-
-def _finalists(task: str, judged: Sequence[Record]) -> list[Place]:
+def _finalists(task: str, judged: Sequence[PlacesRecord]) -> list[Place]:
     """The best places that differ from each other."""
-    entries = [entry for record in judged if record["task"] == task for entry in record["places"]]
-    places = [_place(entry) for entry in entries]
+    places = [place for record in judged if record.task == task for place in record.places]
     chosen: list[Place] = []
     for place in sorted(places, key=lambda p: -p.score):
         if len(chosen) < FINALISTS and all(_differ(place, other) for other in chosen):
@@ -78,37 +91,32 @@ def _finalists(task: str, judged: Sequence[Record]) -> list[Place]:
     return chosen
 
 
-def _place(entry: dict[str, Any]) -> Place:
-    pairs = {name: tuple(entry[name]) for name in ("position", "grasp")}
-    return Place(**{**entry, **pairs})
-
-
 def _differ(one: Place, other: Place) -> bool:
     apart = np.hypot(*np.subtract(one.position, other.position))
     return bool(apart > _APART or abs(one.yaw_deg - other.yaw_deg) > _APART_DEG)
 
 
-def _ranking(opening: Opening, places: Sequence[Place], records: Sequence[Record]) -> str:
-    lines = [
-        f"{opening.name}: best places of the search, {SEEDS} runs each",
-        "",
-        "| position | yaw_deg | grasp | opened | clean | reached | peak force [N] "
-        "| joint margin [rad] | conditioning [m/rad] | clearance [m] |",
-        "|---|---|---|---|---|---|---|---|---|---|",
-    ]
+_HEAD = (
+    *("position", "yaw_deg", "grasp", "opened", "clean", "reached", "peak force [N]"),
+    *("joint margin [rad]", "conditioning [m/rad]", "clearance [m]"),
+)
+
+
+def _ranking(opening: Opening, places: Sequence[Place], records: Sequence[OpeningRecord]) -> str:
     scale, _ = opening.shown_in
     rows = []
     for place in places:
-        key = key_of(place.of(opening), 0)[2]
-        runs = [r for r in records if r["task"] == opening.name and tuple(r["at"]) == key]
-        opened, clean = sum(r["opened"] for r in runs), sum(r["clean"] for r in runs)
-        both = sum(r["opened"] and r["clean"] for r in runs)
-        least = min(r["reached"] for r in runs)
-        text = (
-            f"| {list(place.position)} | {place.yaw_deg:g} | {list(place.grasp)} | {opened} "
-            f"| {clean} | {scale * least:.1f} "
-            f"| {peak(runs, 'peak_force'):.0f} | {place.margin:.2f} | {place.conditioning:.2f} "
-            f"| {place.clearance:.3f} |"
+        at = key_of(place.of(opening), 0)[2]
+        runs = [r for r in records if r.task == opening.name and r.at == at]
+        opened, clean = sum(r.opened for r in runs), sum(r.clean for r in runs)
+        both = sum(r.opened and r.clean for r in runs)
+        cells = (
+            *(list(place.position), f"{place.yaw_deg:g}", list(place.grasp), opened, clean),
+            f"{scale * min(r.reached for r in runs):.1f}",
+            f"{largest(r.peak_force for r in runs):.0f}",
+            *(f"{place.margin:.2f}", f"{place.conditioning:.2f}", f"{place.clearance:.3f}"),
         )
-        rows.append((both, opened, clean, place.score, text))
-    return "\n".join(lines + [row[-1] for row in sorted(rows, reverse=True)])
+        rows.append(((both, opened, clean, place.score), cells))
+    ranked = sorted(rows, key=lambda row: row[0], reverse=True)
+    title = f"{opening.name}: best places of the search, {SEEDS} runs each"
+    return f"{title}\n\n{markdown_table(_HEAD, [cells for _, cells in ranked])}"

@@ -72,6 +72,11 @@ class Opening:
         return replace(self, position=position, yaw=yaw, grasp=grasp)
 
 
+def key_of(opening: Opening, seed: int) -> tuple[str, int, tuple[float, ...]]:
+    """Return the key of a run and its record: another pose is another run."""
+    return opening.name, seed, (*opening.position, opening.yaw, *opening.grasp)
+
+
 def load_openings(names: list[str] | None = None) -> dict[str, Opening]:
     """The committed openings by name, all or some.
 

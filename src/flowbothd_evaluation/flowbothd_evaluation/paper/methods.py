@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -214,6 +214,28 @@ def weights_digest(name: str) -> str:
     file = find_weights(name)
     read_checkpoint(file)
     return weights_hash(file)[:16]
+
+
+def weights_given(texts: Sequence[str], also: Sequence[str] = ()) -> dict[str, str]:
+    """Return weights by method from `METHOD=PATH` of a command line.
+
+    Args:
+        texts: As they were given.
+        also: Names that are allowed besides METHODS.
+
+    Raises:
+        ParameterError: one is something else.
+    """
+    found = {}
+    for text in texts:
+        name, separator, path = text.partition("=")
+        allowed = [*METHODS, *also]
+        if not separator or name not in allowed:
+            raise ParameterError(
+                "weights for a method", got=text, allowed=f"METHOD=PATH, METHOD of {allowed}"
+            )
+        found[name] = path
+    return found
 
 
 def weights_of(chosen: Method, given: Mapping[str, str]) -> str:

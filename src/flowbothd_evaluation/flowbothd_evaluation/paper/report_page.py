@@ -1,4 +1,4 @@
-"""The report: tables, figures and analyses of an evaluation as one Markdown page."""
+"""The parts of the report on the paper's experiment: tables, figures and analyses in Markdown."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from flowbothd_evaluation.paper.tables_text import (
     detail_table,
     markdown,
 )
-from flowbothd_evaluation.paper.trial import NONE, TRUTH
+from flowbothd_evaluation.records import NONE, TRUTH
 
 OURS = "flowbothd"
 _LIMITS = ("oracle", "random")
@@ -47,25 +47,20 @@ class Picture:
     path: Path
 
 
-def page(
-    title: str,
-    rows: Sequence[RowNumbers],
-    pictures: Sequence[Picture],
-    analyses: Mapping[str, Any],
-    sources: Sequence[Path],
-) -> str:
-    """The whole page.
+def paper_parts(
+    rows: Sequence[RowNumbers], pictures: Sequence[Picture], sources: Sequence[Path]
+) -> list[str]:
+    """Return the part of the page on trials of the paper's experiment.
 
     Args:
-        title: Its first line.
-        rows: Of all target masks.
-        pictures: Drawn from the records, in `out`.
-        analyses: By name, as `run_analyses` returns them; empty if they were not run.
+        rows: Of all target masks; none without such records.
+        pictures: Drawn from the records, in the folder of the page.
         sources: Files of the records.
     """
-    steps = sorted({r["max_steps"] for row in rows for r in row.records})
+    if not rows:
+        return []
+    steps = sorted({r.max_steps for row in rows for r in row.records})
     parts = [
-        f"# {title}",
         _READING.format(steps=" or ".join(map(str, steps))),
         _what(rows, sources),
     ]
@@ -93,16 +88,13 @@ def page(
     ]
     if pictures:
         parts.append("## From the records")
-    parts += [f"### {p.title}\n\n![{p.title}]({p.path.name})" for p in pictures]
-    if analyses:
-        parts += ["## From the networks", *_analyses(analyses)]
-    return "\n\n".join(part.strip() for part in parts) + "\n"
+    return parts + [f"### {p.title}\n\n![{p.title}]({p.path.name})" for p in pictures]
 
 
 def _what(rows: Sequence[RowNumbers], sources: Sequence[Path]) -> str:
     records = [r for row in rows for r in row.records]
-    objects = sorted({(r["category"], r["object"]) for r in records})
-    weights = sorted({(r["method"], r["weights"]) for r in records if r["weights"]})
+    objects = sorted({(r.category, r.object) for r in records})
+    weights = sorted({(r.method, r.weights) for r in records if r.weights})
     shut = sum(row.unopenable for row in rows)
     lines = [
         f"- Records: {len(records) + shut} from {', '.join(p.name for p in sources)}, of which "
@@ -168,12 +160,19 @@ _SAYS = {
     "of a bad prediction: why only what moved may be remembered.",
     "chains": "How one answer comes about.",
     "rollouts": "Whole runs: predicted flow, grasp and pull, and what the policy noticed.",
+    "recorded_clouds": "Clouds that a camera recorded, and samples of the flow on them.",
     "showcases": "Objects whose opening cannot be seen, with the answers that are drawn for them.",
 }
 
 
-def _analyses(analyses: Mapping[str, Any]) -> list[str]:
-    parts = ["What was measured on what is in [analyses.json](analyses.json)."]
+def analysis_parts(analyses: Mapping[str, Any]) -> list[str]:
+    """Return the part of the page on analyses of the networks, as `run_analyses` returns them."""
+    if not analyses:
+        return []
+    parts = [
+        "## From the networks",
+        "What was measured on what is in [analyses.json](analyses.json).",
+    ]
     for name, found in analyses.items():
         if "skipped" in found:
             parts.append(f"Not made, {name}: {found['skipped']}.")

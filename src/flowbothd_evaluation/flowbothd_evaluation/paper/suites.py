@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from flowbothd_evaluation.paper.methods import METHODS
-from flowbothd_evaluation.paper.trial import NONE, TRUTH
+from flowbothd_evaluation.records import NONE, TRUTH
 from flowbothd_model.data.splits import NEVER_TRAINED_ON, held_out_ids
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
@@ -17,12 +17,12 @@ from scipy.stats import binomtest
 from flowbothd_common.types import Array, Outcome
 from flowbothd_evaluation.paper.methods import METHODS
 from flowbothd_evaluation.paper.suites import PAPER_ROWS
-from flowbothd_evaluation.resumable import Record
+from flowbothd_evaluation.records import PaperRecord
 
 RowKey = tuple[str, str, str, str]
 """Method, switches, policy, target mask."""
 
-_DROPPED = (Outcome.NO_CONTACT.value, Outcome.NOT_VISIBLE.value)
+_DROPPED = (Outcome.NO_CONTACT, Outcome.NOT_VISIBLE)
 """What the released code leaves out of numerator and denominator."""
 
 _RESAMPLINGS = 2000
@@ -61,7 +61,7 @@ class RowNumbers:
     """
 
     key: RowKey
-    records: tuple[Record, ...]
+    records: tuple[PaperRecord, ...]
     unopenable: int
     success: Interval
     success_by_category: Interval
@@ -83,9 +83,9 @@ class RowNumbers:
         return row_title(self.key, self.records[0]["weights"] if self.records else "")
 
 
-def row_key(record: Record) -> RowKey:
+def row_key(record: PaperRecord) -> RowKey:
     """The row that a record belongs to."""
-    return record["method"], record["switches"], record["policy"], record["target_mask"]
+    return record.method, record.switches, record.policy, record.target_mask
 
 
 def row_title(key: RowKey, weights: str = "") -> str:
@@ -100,9 +100,9 @@ def row_title(key: RowKey, weights: str = "") -> str:
     return f"{title}, robot's policy" if policy == "robot" else title
 
 
-def rows_of(records: Sequence[Record]) -> list[RowNumbers]:
+def rows_of(records: Sequence[PaperRecord]) -> list[RowNumbers]:
     """Numbers of every row that has records: the paper's rows first, in its order."""
-    grouped: dict[RowKey, list[Record]] = {}
+    grouped: dict[RowKey, list[PaperRecord]] = {}
     for record in records:
         grouped.setdefault(row_key(record), []).append(record)
     order = [(row.method, "+".join(row.switches)) for row in PAPER_ROWS]
@@ -115,15 +115,15 @@ def rows_of(records: Sequence[Record]) -> list[RowNumbers]:
     return [numbers(key, grouped[key]) for key in sorted(grouped, key=rank)]
 
 
-def numbers(key: RowKey, records: Sequence[Record]) -> RowNumbers:
+def numbers(key: RowKey, records: Sequence[PaperRecord]) -> RowNumbers:
     """One row."""
-    shut = Outcome.UNOPENABLE_WITH_GROUND_TRUTH.value
-    kept = [r for r in records if r["outcome"] != shut]
-    opened = np.array([bool(r["success"]) for r in kept], dtype=float)
-    distance = np.array([float(r["normalized_distance"]) for r in kept])
-    category = np.array([r["category"] for r in kept])
-    objects = np.array([r["object"] for r in kept])
-    counted = [r for r in kept if r["outcome"] not in _DROPPED]
+    shut = Outcome.UNOPENABLE_WITH_GROUND_TRUTH
+    kept = [r for r in records if r.outcome != shut]
+    opened = np.array([r.success for r in kept], dtype=float)
+    distance = np.array([r.normalized_distance for r in kept], dtype=float)
+    category = np.array([r.category for r in kept])
+    objects = np.array([r.object for r in kept])
+    counted = [r for r in kept if r.outcome not in _DROPPED]
     return RowNumbers(
         key,
         tuple(kept),
@@ -140,14 +140,14 @@ def numbers(key: RowKey, records: Sequence[Record]) -> RowNumbers:
             )
             for name in np.unique(category)
         },
-        _mean([float(r["success"]) for r in counted]),
-        dict(Counter(r["outcome"] for r in records)),
-        _mean([r["steps"] for r in kept]),
-        _mean([r["grasps"] for r in kept]),
-        _mean(_pulls(kept, "cosine")),
-        _mean(_pulls(kept, "mean_error")),
-        _mean(_pulls(kept, "rmse")),
-        float(np.median([r["seconds"]["total"] for r in kept])) if kept else float("nan"),
+        _mean([r.success for r in counted]),
+        dict(Counter(r.outcome.value for r in records)),
+        _mean([r.steps for r in kept]),
+        _mean([r.grasps for r in kept]),
+        _mean(_measured(r.per_step.cosine for r in kept)),
+        _mean(_measured(r.per_step.mean_error for r in kept)),
+        _mean(_measured(r.per_step.rmse for r in kept)),
+        float(np.median([r.seconds.wall for r in kept])) if kept else float("nan"),
     )
 
 
@@ -163,8 +163,8 @@ def _mean(values: Sequence[float]) -> float:
     return float(np.mean(values)) if len(values) else float("nan")
 
 
-def _pulls(records: Sequence[Record], name: str) -> list[float]:
-    return [value for r in records for value in r["per_step"][name] if value is not None]
+def _measured(columns: Iterable[Sequence[float | None]]) -> list[float]:
+    return [value for column in columns for value in column if value is not None]
 
 
 def _redrawn(
@@ -219,11 +219,9 @@ def compare(first: RowNumbers, other: RowNumbers) -> Comparison:
     """Paired by object, link and trial, which have the same draws in both."""
     others = {_pairing(r): r for r in other.records}
     pairs = [(r, others[_pairing(r)]) for r in first.records if _pairing(r) in others]
-    gain = np.array([float(a["success"]) - float(b["success"]) for a, b in pairs])
-    objects = np.array([a["object"] for a, _ in pairs])
-    lost = Counter(
-        f"{a['object']} {b['link']}" for (a, b), g in zip(pairs, gain, strict=True) if g < 0
-    )
+    gain = np.array([float(a.success) - float(b.success) for a, b in pairs])
+    objects = np.array([a.object for a, _ in pairs])
+    lost = Counter(f"{a.object} {b.link}" for (a, b), g in zip(pairs, gain, strict=True) if g < 0)
     return Comparison(
         other.key,
         other.title,
@@ -234,9 +232,8 @@ def compare(first: RowNumbers, other: RowNumbers) -> Comparison:
     )
 
 
-def _pairing(record: Record) -> tuple[Any, ...]:
-    link = "" if record["target_mask"] == "none" else record["link"]
-    return record["object"], link, record["trial"]
+def _pairing(record: PaperRecord) -> tuple[str, str, int]:
+    return record.object, record.target, record.trial
 
 
 @cache

@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from flowbothd_common.markdown import markdown_table
 from flowbothd_evaluation.paper.methods import SWITCHES
 from flowbothd_evaluation.paper.tables import Comparison, Interval, RowNumbers, paper_row
 
@@ -112,9 +113,7 @@ def comparison_table(first: RowNumbers, found: Sequence[Comparison]) -> Table:
 
 def markdown(table: Table) -> str:
     """The table in Markdown."""
-    head, *rest = table
-    lines = ["| " + " | ".join(row) + " |" for row in (head, ["---"] * len(head), *rest)]
-    return "\n".join(lines)
+    return markdown_table(table[0], table[1:])
 
 
 def latex(table: Table, caption: str) -> str:

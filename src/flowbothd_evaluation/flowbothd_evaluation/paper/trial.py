@@ -5,10 +5,10 @@ from __future__ import annotations
 import hashlib
 import time
 import traceback
-from collections.abc import Callable, Hashable
-from dataclasses import dataclass
+from collections.abc import Callable, Hashable, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,22 +23,23 @@ from flowbothd_evaluation.paper.methods import (
     method,
     policy_params,
 )
-from flowbothd_evaluation.resumable import Record
+from flowbothd_evaluation.records import NONE, TRUTH, PaperRecord, PullSignals, Seconds
 from flowbothd_evaluation.rollout.driver import PolicyDriver
 from flowbothd_evaluation.rollout.floating import SUCCESS, FloatingPolicyWorld, TargetOnly
 from flowbothd_evaluation.run_record.record import RunRecord
-from flowbothd_evaluation.run_record.signals import signal_columns
+from flowbothd_evaluation.run_record.signals import pull_signals
+from flowbothd_policy.commands import Decision
 from flowbothd_policy.oracle import OracleParams, OraclePredictor, Truth
 from flowbothd_policy.predictor import FlowPredictor
 from sim_bridge.floating import FloatingWorld
 from sim_bridge.objects.model import ObjectModel
 
-TRUTH, NONE = MASKS = ("truth", "none")
-"""Which points may be grasped: those of the target link, or of the whole cloud."""
+if TYPE_CHECKING:
+    from flowbothd_model.metrics import FlowErrors
 
 
 @dataclass(frozen=True)
-class EvalTrial:
+class PaperTrial:
     """What to do.
 
     Attributes:
@@ -76,73 +77,57 @@ class EvalTrial:
         text = f"{self.seed} {self.case.name} {self.link} {self.trial}"
         return int.from_bytes(hashlib.sha256(text.encode()).digest()[:6], "big")
 
-    def identity(self) -> Record:
-        """The part of the record that is known before the trial."""
-        return {
-            "object": self.case.name,
-            "category": self.case.category,
-            "target_mask": self.target_mask,
-            "trial": self.trial,
-            "method": self.method,
-            "switches": "+".join(self.switches),
-            "policy": self.policy,
-            "weights": self.weights,
-            "weights_sha256": self.weights_digest,
-            "max_steps": self.steps,
-            "base_seed": self.seed,
-            "seed": self.own_seed,
-        }
-
+    @property
     def key(self) -> Hashable:
-        """By which its record is found again."""
-        return record_key({**self.identity(), "link": self.link})
+        """That of its record."""
+        return self.nothing_pulled(Outcome.ERROR, "").key
+
+    def nothing_pulled(self, outcome: Outcome, reason: str) -> PaperRecord:
+        """Return the record of this trial if nothing comes of it."""
+        return PaperRecord(
+            object=self.case.name,
+            category=self.case.category,
+            target_mask=self.target_mask,
+            trial=self.trial,
+            method=self.method,
+            switches="+".join(self.switches),
+            policy=self.policy,
+            weights=self.weights,
+            weights_sha256=self.weights_digest,
+            max_steps=self.steps,
+            base_seed=self.seed,
+            seed=self.own_seed,
+            link=self.link,
+            joint="",
+            outcome=outcome,
+            reason=reason,
+            success=False,
+            open_ratio=0.0,
+            normalized_distance=1.0,
+            steps=0,
+            grasps=0,
+            per_step=PullSignals(),
+            seconds=Seconds(),
+        )
 
 
-def record_key(record: Record) -> Hashable:
-    """What tells one record from another; without a target the link is an outcome."""
-    link = record["link"] if record["target_mask"] == TRUTH else ""
-    names = ("object", "trial", "method", "switches", "policy", "weights", "max_steps", "base_seed")
-    return (link, record.get("weights_sha256", ""), *(record[name] for name in names))
-
-
-def run_trial(trial: EvalTrial) -> Record:
+def run_trial(trial: PaperTrial) -> PaperRecord:
     """Do a trial; whatever happens is a record."""
     begun = time.perf_counter()
     try:
-        _, result = evaluation_rollout(trial)
+        _, record = evaluation_rollout(trial)
     except InvalidCloudError as error:
-        result = failed(trial.link, Outcome.NOT_VISIBLE, str(error))
+        record = trial.nothing_pulled(Outcome.NOT_VISIBLE, str(error))
     except FlowBotError as error:
-        result = failed(trial.link, Outcome.ERROR, str(error))
+        record = trial.nothing_pulled(Outcome.ERROR, str(error))
     except Exception as error:
         # A trial that is missing would flatter the method, whatever went wrong in it.
         where = traceback.extract_tb(error.__traceback__)[-1]
         place = f"{where.name}, line {where.lineno}"
         reason = f"{type(error).__name__} in {place}: {error}"
-        result = failed(trial.link, Outcome.ERROR, reason)
-    seconds = {**result.pop("seconds", {}), "total": time.perf_counter() - begun}
-    rounded = {name: round(value, 3) for name, value in seconds.items()}
-    return {**trial.identity(), **result, "seconds": rounded}
-
-
-def failed(link: str, outcome: Outcome, reason: str) -> Record:
-    """The rest of the record of a trial in which nothing was pulled."""
-    return {
-        "link": link,
-        "joint": "",
-        "outcome": outcome.value,
-        "reason": reason,
-        "success": False,
-        "open_ratio": 0.0,
-        "normalized_distance": 1.0,
-        "steps": 0,
-        "grasps": 0,
-        "per_step": {name: [] for name in (*_SIGNALS, *_ERRORS)},
-    }
-
-
-_SIGNALS = ("open_ratio", "history_updated", "grasp_switched", "consistency_trials")
-_ERRORS = ("cosine", "mean_error", "rmse")
+        record = trial.nothing_pulled(Outcome.ERROR, reason)
+    wall = round(time.perf_counter() - begun, 3)
+    return replace(record, seconds=replace(record.seconds, wall=wall))
 
 
 @lru_cache(maxsize=4)
@@ -150,8 +135,8 @@ def _loaded(case: Case) -> ObjectModel:
     return case.load()
 
 
-def evaluation_rollout(trial: EvalTrial) -> tuple[RunRecord, Record]:
-    """Do a trial; its whole course, and its record less the identity.
+def evaluation_rollout(trial: PaperTrial) -> tuple[RunRecord, PaperRecord]:
+    """Do a trial, and return its whole course and its record.
 
     Raises:
         FlowBotError: the object cannot be simulated, or nothing of it can be seen.
@@ -172,35 +157,35 @@ def evaluation_rollout(trial: EvalTrial) -> tuple[RunRecord, Record]:
         best = adapter.furthest()
         joint = model.target if trial.link else model.joints[best]
         ratio = float(np.clip(world.open_ratios()[joint.name], 0.0, 1.0))
-        seconds = {"predict": judge.seconds, "world": adapter.seconds}
-    # What the part does after the end of the run does not count: nobody touches it any more.
+        predicting, simulating = round(judge.seconds, 3), round(adapter.seconds, 3)
+    # What the part does after the end of the run does not count: nothing holds it any more.
     summary = run.summary()
     success = ratio > SUCCESS
     signals = _per_step(run, judge)
-    return run, {
-        "link": joint.child,
-        "joint": joint.name,
-        "outcome": _outcome(summary["outcome"], success=success),
-        "reason": summary["reason"],
-        "success": success,
-        "open_ratio": round(ratio, 4),
-        "normalized_distance": round(1.0 - ratio, 4),
-        "steps": len(signals["open_ratio"]),
-        "grasps": summary["grasps"],
-        "per_step": signals,
-        "seconds": seconds,
-    }
+    record = replace(
+        trial.nothing_pulled(_outcome(summary.outcome, success=success), summary.reason),
+        link=joint.child,
+        joint=joint.name,
+        success=success,
+        open_ratio=round(ratio, 4),
+        normalized_distance=round(1.0 - ratio, 4),
+        steps=len(signals.open_ratio),
+        grasps=summary.grasps,
+        per_step=signals,
+        seconds=Seconds(simulated=summary.sim_s, predicting=predicting, world=simulating),
+    )
+    return run, record
 
 
-def _outcome(declared: str, *, success: bool) -> str:
+def _outcome(declared: str, *, success: bool) -> Outcome:
     """The policy's own word, but the joint decides whether the part is open."""
     if success:
-        return Outcome.OPENED.value
+        return Outcome.OPENED
     # A policy that thinks it is done has, by the joint, not opened the part.
-    return Outcome.NOT_OPENED.value if declared == Outcome.OPENED else declared
+    return Outcome.NOT_OPENED if declared == Outcome.OPENED else Outcome(declared)
 
 
-def _predictor(trial: EvalTrial, chosen: Method, adapter: FloatingPolicyWorld) -> FlowPredictor:
+def _predictor(trial: PaperTrial, chosen: Method, adapter: FloatingPolicyWorld) -> FlowPredictor:
     only = bool(trial.link)
     predictor: FlowPredictor
     if chosen.name == "oracle":
@@ -275,35 +260,37 @@ class _Judge:
         return flows
 
 
-def _per_step(run: RunRecord, judge: _Judge) -> dict[str, list[Any]]:
+def _per_step(run: RunRecord, judge: _Judge) -> PullSignals:
     """One entry a pull; the errors are those of the sample that was acted upon."""
-    signals = signal_columns(run)
-    errors = [
-        _errors(run, judge, decision)
-        for decision in run.decisions
-        if decision["decision"] == "step"
-    ]
-    return {
-        **signals,
-        "open_ratio": [round(ratio, 4) for ratio in signals["open_ratio"]],
-        **{name: [e.get(name) for e in errors] for name in _ERRORS},
-    }
+    signals = pull_signals(run)
+    pulls = [decision for decision in run.decisions if decision.decision == "step"]
+    errors = [_errors(run, judge, decision) for decision in pulls]
+    return replace(
+        signals,
+        open_ratio=tuple(None if r is None else round(r, 4) for r in signals.open_ratio),
+        cosine=_column(errors, "cosine"),
+        mean_error=_column(errors, "mean_error"),
+        rmse=_column(errors, "rmse"),
+    )
 
 
-def _errors(run: RunRecord, judge: _Judge, decision: Record) -> Record:
-    """Errors of the sample behind a decision; empty where nothing moves in the truth."""
+def _column(errors: Sequence[FlowErrors | None], name: str) -> tuple[float | None, ...]:
+    return tuple(None if e is None else round(float(getattr(e, name)[0]), 4) for e in errors)
+
+
+def _errors(run: RunRecord, judge: _Judge, decision: Decision) -> FlowErrors | None:
+    """Errors of the sample behind a decision; None where nothing moves in the truth."""
     import torch
 
     from flowbothd_model.metrics import flow_errors
 
-    stamp = decision["prediction_stamp"]
+    stamp = decision.prediction_stamp
     asked = [i for i, p in enumerate(run.predictions) if p.stamp == stamp]
     if not asked:
-        return {}
+        return None
     index = asked[-1]
     truth = torch.from_numpy(judge.truths[index])
     if not bool(truth.any()):
-        return {}
-    flow = run.predictions[index].flows[decision["chosen_sample"]]
-    found = flow_errors(torch.from_numpy(flow[None].copy()), truth)
-    return {name: round(float(getattr(found, name)[0]), 4) for name in _ERRORS}
+        return None
+    flow = run.predictions[index].flows[decision.chosen_sample]
+    return flow_errors(torch.from_numpy(flow[None].copy()), truth)

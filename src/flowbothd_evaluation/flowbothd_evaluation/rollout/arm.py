@@ -11,7 +11,7 @@ from flowbothd_common.motion import MotionGoal, MotionKind, MotionReason, Motion
 from flowbothd_common.parameters import build
 from flowbothd_common.types import Cloud, SuctionPhase
 from flowbothd_evaluation.rollout.driver import PolicyDriver
-from flowbothd_evaluation.run_record.record import RunRecord, StateSample, motion_entry
+from flowbothd_evaluation.run_record.record import MotionEntry, RunRecord, StateSample
 from flowbothd_perception.params import PipelineParams
 from flowbothd_perception.pipeline import PerceptionPipeline
 from flowbothd_policy.events import CloudArrived, Event, MotionFinished, SuctionChanged
@@ -80,7 +80,7 @@ class ArmPolicyWorld:
                 # As on the topic: nobody answers, motion has to see that the arm does not follow.
                 _log.warning("trajectory refused: %s", refusal)
         if update.result is not None:
-            self._record.motions.append(motion_entry(update.result, self.time))
+            self._record.motions.append(MotionEntry.of(update.result, self.time))
             events.append(MotionFinished(update.result))
         return [*self._suction_events(), *events]
 

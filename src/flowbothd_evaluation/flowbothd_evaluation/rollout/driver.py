@@ -3,16 +3,10 @@
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import asdict
 from typing import Protocol
 
 from flowbothd_common.motion import MotionGoal
-from flowbothd_evaluation.run_record.record import (
-    PredictionSample,
-    RunRecord,
-    StateSample,
-    as_plain,
-)
+from flowbothd_evaluation.run_record.record import PredictionSample, RunRecord, StateSample
 from flowbothd_policy.commands import (
     Command,
     Decision,
@@ -147,7 +141,7 @@ class PolicyDriver:
 
     def _carry_out(self, command: Command) -> None:
         if isinstance(command, Decision):
-            self._record.decisions.append(as_plain(asdict(command)))
+            self._record.decisions.append(command)
         elif isinstance(command, Predict):
             flows = self._predictor.sample(
                 command.points, command.history, command.samples, seed=command.seed

@@ -68,14 +68,13 @@ def moments(record: RunRecord, most: int = 8) -> list[Moment]:
     found: list[Moment] = []
     by_stamp = {round(p.stamp, 6): p for p in record.predictions}
     for decision in record.decisions:
-        name = decision["decision"]
-        if decision["chosen_sample"] < 0 or name not in ("approach", "step", "switch", "retreat"):
+        name, sample = decision.decision, decision.chosen_sample
+        if sample < 0 or name not in ("approach", "step", "switch", "retreat"):
             continue
-        prediction = by_stamp.get(round(float(decision["prediction_stamp"]), 6))
-        state = _state_at(record, float(decision["time"]))
-        title = f"{name} · step {decision['step']} · open {state.open_ratio:.2f}"
-        grasp = np.array(decision["grasp_point"])
-        found.append(Moment(state, title, prediction, int(decision["chosen_sample"]), grasp))
+        prediction = by_stamp.get(round(decision.prediction_stamp, 6))
+        state = _state_at(record, decision.time)
+        title = f"{name} · step {decision.step} · open {state.open_ratio:.2f}"
+        found.append(Moment(state, title, prediction, sample, np.array(decision.grasp_point)))
     end = record.states[-1]
     chosen = np.unique(np.linspace(0, max(len(found) - 1, 0), most - 1).round().astype(int))
     picked = [found[i] for i in chosen] if found else []

@@ -1,17 +1,20 @@
-"""What is kept of one run, whoever drove it, and what is derived from it for people."""
+"""The record of one run, stepped or through nodes, and the figures derived from it."""
 
 from __future__ import annotations
 
-import json
-from dataclasses import asdict, dataclass, field, is_dataclass
-from enum import Enum
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 
-from flowbothd_common.motion import MotionResult
-from flowbothd_common.types import Array, Cloud
+from flowbothd_common.motion import MotionKind, MotionReason, MotionResult
+from flowbothd_common.types import Array, Cloud, Outcome
+from flowbothd_evaluation.record_files import from_json, to_json, write_text
+from flowbothd_policy.commands import Decision
+
+OPEN = 0.9
+"""Open ratio above which a part counts as open."""
 
 
 @dataclass(frozen=True)
@@ -46,6 +49,93 @@ class PredictionSample:
     flows: Cloud
 
 
+@dataclass(frozen=True)
+class MotionEntry:
+    """The result of one motion.
+
+    Attributes:
+        time: When it ended [s, node clock].
+        motion: Which motion.
+        reason: Why it ended.
+        message: For people.
+        reached_fraction: Of the commanded path, 0..1.
+        tool_motion: (3,) measured displacement of the suction tip in base [m].
+        contact: The tool touches something.
+        vacuum: The cup holds a part.
+        peak_force: Largest force on the tool [N].
+        max_lag: Largest joint difference between reference and command [rad].
+        duration: [s, node clock].
+    """
+
+    time: float
+    motion: MotionKind
+    reason: MotionReason
+    message: str
+    reached_fraction: float
+    tool_motion: Array
+    contact: bool
+    vacuum: bool
+    peak_force: float
+    max_lag: float
+    duration: float
+
+    @staticmethod
+    def of(result: MotionResult, time: float) -> MotionEntry:
+        """Return what the record keeps of a motion's result."""
+        return MotionEntry(
+            time=time,
+            motion=result.kind,
+            reason=result.reason,
+            message=result.message,
+            reached_fraction=result.reached_fraction,
+            tool_motion=result.tool_motion,
+            contact=result.contact,
+            vacuum=result.vacuum,
+            peak_force=float(np.linalg.norm(result.peak_wrench[:3])),
+            max_lag=result.max_lag,
+            duration=result.duration,
+        )
+
+
+@dataclass(frozen=True)
+class RunSummary:
+    """The figures of a run, as `summary.json` holds them.
+
+    Attributes:
+        success: The target joint was more than 0.9 open when the policy declared the run over.
+        open_ratio: Of the target joint then.
+        open_ratio_left: The same when the arm has gone.
+        outcome: The policy's; not_opened while it has none.
+        reason: Of the last decision.
+        steps: Flow steps.
+        grasps: Contacts.
+        resamples: Predictions that were rejected.
+        object: Name of the scene or object.
+        mode: Mode that was drawn; empty for objects without modes.
+        seed: Run seed.
+        predictor: Identifies the predictor and its weights.
+        wall_s: Wall-clock duration [s].
+        sim_s: Duration on the clock of the world [s].
+        peak_force: Largest force on the tool [N].
+    """
+
+    success: bool
+    open_ratio: float
+    open_ratio_left: float
+    outcome: str
+    reason: str
+    steps: int
+    grasps: int
+    resamples: int
+    object: str
+    mode: str
+    seed: int
+    predictor: str
+    wall_s: float
+    sim_s: float
+    peak_force: float
+
+
 @dataclass
 class RunRecord:
     """One run from start to outcome.
@@ -54,28 +144,30 @@ class RunRecord:
         object: Name of the scene or object.
         mode: Mode that was drawn; empty for objects without modes.
         seed: Run seed.
-        predictor: Who predicted.
-        decisions: The policy's decisions as dictionaries, in order.
+        predictor: Identifies the predictor and its weights.
+        decisions: The policy's decisions, in order.
         states: The world over time.
-        predictions: All predictions.
-        motions: Motion results as dictionaries, in order.
+        predictions: All predictions; kept in a file of their own.
+        motions: Motion results, in order.
         wall_s: Wall-clock duration [s].
     """
+
+    KIND: ClassVar[str] = "run"
 
     object: str
     mode: str
     seed: int
     predictor: str
-    decisions: list[dict[str, Any]] = field(default_factory=list)
+    decisions: list[Decision] = field(default_factory=list)
     states: list[StateSample] = field(default_factory=list)
     predictions: list[PredictionSample] = field(default_factory=list)
-    motions: list[dict[str, Any]] = field(default_factory=list)
+    motions: list[MotionEntry] = field(default_factory=list)
     wall_s: float = 0.0
 
     @property
     def outcome(self) -> str:
         """The policy's outcome, empty while it runs."""
-        return str(self.decisions[-1]["outcome"]) if self.decisions else ""
+        return self.decisions[-1].outcome if self.decisions else ""
 
     @property
     def open_ratio(self) -> float:
@@ -83,7 +175,7 @@ class RunRecord:
 
         What gravity or the departing arm do to the part afterwards is `open_ratio_left`.
         """
-        declared = [d["time"] for d in self.decisions if d["decision"] == "end"]
+        declared = [d.time for d in self.decisions if d.decision == "end"]
         return self.open_ratio_at(declared[0]) if declared else self.open_ratio_left
 
     @property
@@ -96,64 +188,33 @@ class RunRecord:
         earlier = [state.open_ratio for state in self.states if state.time <= time]
         return earlier[-1] if earlier else 0.0
 
-    def summary(self) -> dict[str, Any]:
-        """What `summary.json` holds."""
-        last = self.decisions[-1] if self.decisions else {}
+    def summary(self) -> RunSummary:
+        """Return the figures of the run."""
+        last = self.decisions[-1] if self.decisions else None
         start = self.states[0].time if self.states else 0.0
         end = self.states[-1].time if self.states else 0.0
-        return {
-            "success": bool(self.open_ratio > 0.9),
-            "open_ratio": round(self.open_ratio, 4),
-            "open_ratio_left": round(self.open_ratio_left, 4),
-            "outcome": self.outcome or "not_opened",
-            "reason": last.get("reason", ""),
-            "steps": int(last.get("step", 0)),
-            "grasps": int(last.get("grasps", 0)),
-            "resamples": sum(1 for d in self.decisions if d["decision"] == "resample"),
-            "object": self.object,
-            "mode": self.mode,
-            "seed": self.seed,
-            "predictor": self.predictor,
-            "wall_s": round(self.wall_s, 1),
-            "sim_s": round(end - start, 2),
-            "peak_force": round(max((m["peak_force"] for m in self.motions), default=0.0), 1),
-        }
-
-
-def motion_entry(result: MotionResult, time: float) -> dict[str, Any]:
-    """What the record keeps of a MotionResult value."""
-    return {
-        "time": time,
-        "motion": result.kind.value,
-        "reason": result.reason.value,
-        "message": result.message,
-        "reached_fraction": result.reached_fraction,
-        "tool_motion": result.tool_motion,
-        "contact": result.contact,
-        "vacuum": result.vacuum,
-        "peak_force": float(np.linalg.norm(result.peak_wrench[:3])),
-        "max_lag": result.max_lag,
-        "duration": result.duration,
-    }
-
-
-def as_plain(value: Any) -> Any:
-    """The value with arrays as lists, enums as their values, dataclasses as dictionaries."""
-    if is_dataclass(value) and not isinstance(value, type):
-        return as_plain(asdict(value))
-    if isinstance(value, dict):
-        return {str(k): as_plain(v) for k, v in value.items()}
-    if isinstance(value, list | tuple):
-        return [as_plain(v) for v in value]
-    if isinstance(value, np.ndarray | np.generic):
-        return value.tolist()
-    return value.value if isinstance(value, Enum) else value
+        return RunSummary(
+            success=bool(self.open_ratio > OPEN),
+            open_ratio=round(self.open_ratio, 4),
+            open_ratio_left=round(self.open_ratio_left, 4),
+            outcome=self.outcome or Outcome.NOT_OPENED.value,
+            reason=last.reason if last else "",
+            steps=last.step if last else 0,
+            grasps=last.grasps if last else 0,
+            resamples=sum(1 for d in self.decisions if d.decision == "resample"),
+            object=self.object,
+            mode=self.mode,
+            seed=self.seed,
+            predictor=self.predictor,
+            wall_s=round(self.wall_s, 1),
+            sim_s=round(end - start, 2),
+            peak_force=round(max((m.peak_force for m in self.motions), default=0.0), 1),
+        )
 
 
 def save_record(record: RunRecord, folder: Path) -> None:
     """Write the record as record.json and predictions.npz."""
-    plain = {key: value for key, value in vars(record).items() if key != "predictions"}
-    write_json(folder / "record.json", {"summary": record.summary(), **plain})
+    write_text(folder / "record.json", to_json(replace(record, predictions=[]), indent=1) + "\n")
     arrays = {
         f"{name}_{i}": np.asarray(getattr(prediction, name))
         for i, prediction in enumerate(record.predictions)
@@ -163,25 +224,18 @@ def save_record(record: RunRecord, folder: Path) -> None:
 
 
 def load_record(folder: Path) -> RunRecord:
-    """Read back what `save_record` wrote."""
-    plain = json.loads((folder / "record.json").read_text())
-    plain.pop("summary")
-    states = [
-        StateSample(s["time"], np.array(s["arm"]), s["joints"], s["open_ratio"])
-        for s in plain.pop("states")
-    ]
+    """Return what `save_record` wrote.
+
+    Raises:
+        RecordError: record.json is not such a record.
+    """
+    file = folder / "record.json"
+    record = from_json(RunRecord, file.read_text(), str(file))
     with np.load(folder / "predictions.npz") as arrays:
-        predictions = [
+        record.predictions = [
             PredictionSample(
                 float(arrays[f"stamp_{i}"]), arrays[f"points_{i}"], arrays[f"flows_{i}"]
             )
             for i in range(len(arrays.files) // 3)
         ]
-    return RunRecord(**plain, states=states, predictions=predictions)
-
-
-def write_json(path: Path, value: Any) -> None:
-    """Write `value` as indented JSON, replacing the file in one move."""
-    temporary = path.with_suffix(path.suffix + ".part")
-    temporary.write_text(json.dumps(as_plain(value), indent=1) + "\n")
-    temporary.replace(path)
+    return record

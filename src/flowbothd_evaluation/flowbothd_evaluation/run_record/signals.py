@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import matplotlib as mpl
 
 mpl.use("Agg")
 import matplotlib.pyplot as plt
 
-from flowbothd_evaluation.run_record.record import RunRecord
-
-OPEN_RATIO_GOAL = 0.9
+from flowbothd_evaluation.records import PullSignals
+from flowbothd_evaluation.run_record.record import OPEN, RunRecord
 
 
 @dataclass(frozen=True)
@@ -40,14 +38,14 @@ def step_signals(record: RunRecord) -> list[StepSignals]:
     signals: list[StepSignals] = []
     switched, trials, grasps, previous_grasps = False, 0, 0, 0
     for decision in record.decisions:
-        switched |= bool(decision["grasp_switched"])
-        trials = max(trials, int(decision["trials"]))
-        grasps = int(decision["grasps"])
-        if int(decision["step"]) > len(signals):
+        switched |= decision.grasp_switched
+        trials = max(trials, decision.trials)
+        grasps = decision.grasps
+        if decision.step > len(signals):
             signals.append(
                 StepSignals(
-                    record.open_ratio_at(float(decision["time"])),
-                    bool(decision["history_updated"]),
+                    record.open_ratio_at(decision.time),
+                    decision.history_updated,
                     switched,
                     bool(signals) and grasps > previous_grasps and not switched,
                     trials,
@@ -57,15 +55,15 @@ def step_signals(record: RunRecord) -> list[StepSignals]:
     return signals
 
 
-def signal_columns(record: RunRecord) -> dict[str, list[Any]]:
-    """The same by signal, as in `per_step` of the evaluation's records."""
+def pull_signals(record: RunRecord) -> PullSignals:
+    """Return the same by signal, as records of trials keep them."""
     signals = step_signals(record)
-    return {
-        "open_ratio": [s.open_ratio for s in signals],
-        "history_updated": [s.history_updated for s in signals],
-        "grasp_switched": [s.grasp_switched for s in signals],
-        "consistency_trials": [s.trials for s in signals],
-    }
+    return PullSignals(
+        open_ratio=tuple(s.open_ratio for s in signals),
+        history_updated=tuple(s.history_updated for s in signals),
+        grasp_switched=tuple(s.grasp_switched for s in signals),
+        consistency_trials=tuple(s.trials for s in signals),
+    )
 
 
 def plot_signals(record: RunRecord, path: Path) -> None:
@@ -75,7 +73,7 @@ def plot_signals(record: RunRecord, path: Path) -> None:
     figure, (top, bottom) = plt.subplots(
         2, 1, figsize=(7, 4.6), sharex=True, height_ratios=(3, 1), layout="constrained"
     )
-    top.axhline(OPEN_RATIO_GOAL, color="0.7", lw=1, ls="--", label="counts as open (0.9)")
+    top.axhline(OPEN, color="0.7", lw=1, ls="--", label="counts as open (0.9)")
     top.plot(steps, [s.open_ratio for s in signals], "-", color="#1b5e8c", lw=2, label="open ratio")
     rows = (
         ("history updated", [s.history_updated for s in signals], "o", "#2e8b57"),

@@ -245,7 +245,8 @@ def _arc(start: Tensor, end: Tensor, places: np.ndarray) -> Tensor:
     angle = torch.arccos((one @ other).clamp(-1 + 1e-6, 1 - 1e-6))
     t = torch.from_numpy(places).to(start.dtype)[:, None]
     direction = (torch.sin((1 - t) * angle) * one + torch.sin(t * angle) * other) / angle.sin()
-    return direction * ((1 - t) * start.norm() + t * end.norm())
+    blended: Tensor = direction * ((1 - t) * start.norm() + t * end.norm())
+    return blended
 
 
 def draw_chains(data: Plain, found: Chains, door: AmbiguousDoor, path: Path) -> None:
@@ -287,4 +288,4 @@ def draw_chains(data: Plain, found: Chains, door: AmbiguousDoor, path: Path) -> 
 
 def _places(count: int, most: int) -> Sequence[int]:
     """Indices spread over the way, both ends included."""
-    return np.unique(np.linspace(0, count - 1, most).round().astype(int)).tolist()
+    return [int(place) for place in np.unique(np.linspace(0, count - 1, most).round())]

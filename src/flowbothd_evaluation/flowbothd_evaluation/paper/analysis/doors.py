@@ -12,6 +12,7 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 
+from flowbothd_common.markdown import markdown_table
 from flowbothd_evaluation.paper.analysis.measure import Plain, mean, measure, seed_of, truth_of
 from flowbothd_evaluation.paper.analysis.setting import Setting
 from flowbothd_evaluation.paper.figures.style import (
@@ -123,18 +124,15 @@ def _row(method: str, state: str, errors: Sequence[FlowErrors]) -> Plain:
 def markdown_closed_and_open(data: Plain) -> str:
     """The table, the paper's numbers beside ours in brackets."""
     names = ("cosine", 'mean error ("RMSE")', "root mean square", "magnitude error")
-    lines = [
-        "| doors | method | clouds | " + " | ".join(f"{n} (paper)" for n in names) + " |",
-        "|---" * (3 + len(names)) + "|",
-    ]
+    rows = []
     for row in sorted(data["rows"], key=lambda r: str(r["state"])):
         paper = PAPER.get(row["method"], {}).get(row["state"], {})
         cells = [
             f"{row[key]:.3f}" + (f" ({paper[key]:.3f})" if key in paper else "") for key in METRICS
         ]
         label = method_label(row["method"])
-        lines.append(f"| {row['state']} | {label} | {row['clouds']} | " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+        rows.append((row["state"], label, row["clouds"], *cells))
+    return markdown_table(("doors", "method", "clouds", *(f"{n} (paper)" for n in names)), rows)
 
 
 def draw_closed_and_open(data: Plain, path: Path) -> None:

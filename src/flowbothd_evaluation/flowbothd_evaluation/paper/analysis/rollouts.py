@@ -20,7 +20,7 @@ from flowbothd_evaluation.paper.figures.style import method_colour, save
 from flowbothd_evaluation.rollout.floating import FLOATING_POLICY, floating_rollout
 from flowbothd_evaluation.run_record.pictures import Moment, moments
 from flowbothd_evaluation.run_record.record import RunRecord
-from flowbothd_evaluation.run_record.signals import signal_columns
+from flowbothd_evaluation.run_record.signals import pull_signals
 from flowbothd_policy.predictor import FlowPredictor
 from sim_bridge.objects.from_urdf import standing_at
 from sim_bridge.objects.model import ObjectModel
@@ -57,7 +57,7 @@ def summary(record: RunRecord) -> Plain:
     """What is kept of a run beside its picture."""
     kept = ("success", "open_ratio", "outcome", "reason", "steps", "grasps", "resamples", "seed")
     whole = record.summary()
-    return {key: whole[key] for key in kept}
+    return {key: getattr(whole, key) for key in kept}
 
 
 def telling_runs(
@@ -67,10 +67,10 @@ def telling_runs(
 
     def trouble(run: tuple[ObjectModel, RunRecord]) -> tuple[int, int]:
         whole = run[1].summary()
-        return int(whole["resamples"]) + 3 * int(whole["grasps"]), int(whole["steps"])
+        return whole.resamples + 3 * whole.grasps, whole.steps
 
-    pulled = [run for run in runs if run[1].summary()["steps"]]
-    opened = [run for run in pulled if run[1].summary()["success"]] or pulled
+    pulled = [run for run in runs if run[1].summary().steps]
+    opened = [run for run in pulled if run[1].summary().success] or pulled
     if not opened:
         return []
     smooth, laborious = min(opened, key=trouble), max(opened, key=trouble)
@@ -98,11 +98,11 @@ def draw_rollout(model: ObjectModel, record: RunRecord, path: Path, most: int = 
     stage = _Stage(model, [moment.state.joints for _, moment in shown])
     for axis, (caption, moment) in zip(axes.flat, shown, strict=False):
         stage.draw(axis, moment, caption)
-    handles = signal_panel(lower.subplots(), signal_columns(record))
+    handles = signal_panel(lower.subplots(), pull_signals(record))
     lower.legend(handles=handles, loc="outside lower center", ncols=4, fontsize=9, frameon=False)
     figure.suptitle(
         f"{model.name}, {model.target_joint}: {record.outcome} after "
-        f"{record.summary()['steps']} pulls and {record.summary()['grasps']} grasps",
+        f"{record.summary().steps} pulls and {record.summary().grasps} grasps",
         fontsize=12,
     )
     save(figure, path)

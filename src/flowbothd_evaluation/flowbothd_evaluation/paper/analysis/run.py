@@ -15,17 +15,19 @@ import torch
 
 from flowbothd_common.errors import FlowBotError
 from flowbothd_evaluation.paper.analysis import (
+    ANALYSES,
     chains,
     doors,
     history,
     multimodality,
     occlusion,
+    recorded_clouds,
     rollouts,
     showcases,
 )
 from flowbothd_evaluation.paper.analysis.inputs import Inputs, MissingInputError
 from flowbothd_evaluation.paper.analysis.picture import label_of
-from flowbothd_evaluation.run_record.record import write_json
+from flowbothd_evaluation.record_files import write_json
 
 _log = logging.getLogger(__name__)
 
@@ -39,6 +41,7 @@ class _Task:
     out: Path
     seed: int
     small: bool
+    clouds: Path | None
 
 
 def run_analyses(
@@ -49,6 +52,7 @@ def run_analyses(
     seed: int = 0,
     small: bool = True,
     only: Sequence[str] = (),
+    clouds: Path | None = None,
 ) -> dict[str, Any]:
     """Compute every analysis, and write `analyses.json` and the pictures into `out`.
 
@@ -61,6 +65,7 @@ def run_analyses(
         seed: Of everything.
         small: Few objects and openings, minutes; otherwise all held-out ones.
         only: Names of ANALYSES; all if empty.
+        clouds: Folder with recorded clouds, or None.
 
     Returns:
         What analyses.json holds: for every analysis `data`, `figures` (title, file) and `seconds`,
@@ -82,12 +87,12 @@ def run_analyses(
             "partnet": inputs.has_partnet,
             "analyses": {},
         }
-        for name, analyse in ANALYSES.items():
+        for name, analyse in _RUN.items():
             if only and name not in only:
                 continue
             started = time.monotonic()
             try:
-                data, figures = analyse(_Task(inputs, out, seed, small))
+                data, figures = analyse(_Task(inputs, out, seed, small, clouds))
                 entry: dict[str, Any] = {"data": data, "figures": figures}
             except FlowBotError as error:
                 entry = {"skipped": str(error)}
@@ -204,13 +209,26 @@ def _showcases(task: _Task) -> Result:
     return data, [("Objects whose opening cannot be seen", "showcases.png")]
 
 
-ANALYSES: dict[str, Callable[[_Task], Result]] = {
-    "occlusion": _occlusion,
-    "multimodality": _multimodality,
-    "doors": _doors,
-    "history": _history,
-    "chains": _chains,
-    "rollouts": _rollouts,
-    "showcases": _showcases,
-}
-"""Name -> analysis, in the order of the report."""
+def _recorded_clouds(task: _Task) -> Result:
+    if task.clouds is None:
+        raise MissingInputError("no folder of recorded clouds was given")
+    predictor = task.inputs.main()
+    recorded = recorded_clouds.read_recorded(task.clouds)
+    recorded_clouds.draw_recorded(recorded, predictor, task.out / "recorded_clouds.png")
+    clouds = [
+        {"name": one.name, "measured": one.measured, "sampled": len(one.points)} for one in recorded
+    ]
+    data = {"what": "samples of the flow on clouds that were recorded", "clouds": clouds}
+    return data, [("Recorded clouds and samples of their flow", "recorded_clouds.png")]
+
+
+_RUN: dict[str, Callable[[_Task], Result]] = dict(
+    zip(
+        ANALYSES,
+        (
+            *(_occlusion, _multimodality, _doors, _history, _chains),
+            *(_rollouts, _showcases, _recorded_clouds),
+        ),
+        strict=True,
+    )
+)

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any
 
+from flowbothd_common.types import Outcome
 from flowbothd_evaluation.paper.figures.grasps import draw_grasp_counts, draw_grasp_switches
 from flowbothd_evaluation.paper.figures.policy_signals import draw_policy_signals, telling_records
 from flowbothd_evaluation.paper.figures.success import draw_success_over_steps
+from flowbothd_evaluation.records import PaperRecord
 
 _MASKS = {
     "truth": "only points of the target link may be grasped",
@@ -17,34 +18,33 @@ _MASKS = {
 
 _POLICIES = {"paper": "the paper's policy", "robot": "the robot's policy"}
 
-_NOT_COUNTED = "unopenable_with_ground_truth"
+_NOT_COUNTED = Outcome.UNOPENABLE_WITH_GROUND_TRUTH
 """Outcome of links that the ground truth does not open either; tables leave them out, too."""
 
-_PLOTS: tuple[tuple[str, str, Callable[[Sequence[Mapping[str, Any]], Path], None]], ...] = (
+_PLOTS: tuple[tuple[str, str, Callable[[Sequence[PaperRecord], Path], None]], ...] = (
     ("success_over_steps", "Success rate over time step", draw_success_over_steps),
     ("grasp_switches", "Grasp switches per step", draw_grasp_switches),
     ("grasp_counts", "Grasps per trial", draw_grasp_counts),
 )
 
 
-def draw_all(records: Sequence[Mapping[str, Any]], out: Path) -> list[tuple[str, Path]]:
+def draw_all(records: Sequence[PaperRecord], out: Path) -> list[tuple[str, Path]]:
     """Draw every figure that records alone give.
 
     One set for each convention of the target mask and each policy, since these are different
     experiments. Records of links that the ground truth does not open are left out.
 
     Args:
-        records: Of trials, as `flowbothd eval` writes them.
+        records: Of trials, as `flowbothd eval paper` writes them.
         out: Folder of the PNGs; made if it is missing.
 
     Returns:
         (title, file) in the order of a report; empty without records.
     """
-    sets: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
+    sets: dict[tuple[str, str], list[PaperRecord]] = {}
     for record in records:
-        if record["outcome"] != _NOT_COUNTED:
-            key = (str(record["target_mask"]), str(record.get("policy", "paper")))
-            sets.setdefault(key, []).append(record)
+        if record.outcome != _NOT_COUNTED:
+            sets.setdefault((record.target_mask, record.policy), []).append(record)
     figures: list[tuple[str, Path]] = []
     # The released code's mask and the paper's policy come first.
     for mask, policy in sorted(sets, key=lambda key: (key[0] != "truth", key[1] != "paper", key)):
@@ -53,7 +53,7 @@ def draw_all(records: Sequence[Mapping[str, Any]], out: Path) -> list[tuple[str,
 
 
 def _one_set(
-    records: Sequence[Mapping[str, Any]], mask: str, policy: str, out: Path
+    records: Sequence[PaperRecord], mask: str, policy: str, out: Path
 ) -> list[tuple[str, Path]]:
     """The figures of trials that were made alike."""
     note = f"{_POLICIES.get(policy, policy)}; {_MASKS.get(mask, mask)}"

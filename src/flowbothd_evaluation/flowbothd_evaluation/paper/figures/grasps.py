@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import matplotlib as mpl
 
@@ -22,6 +21,7 @@ from flowbothd_evaluation.paper.figures.style import (
     save,
     tidy,
 )
+from flowbothd_evaluation.records import PaperRecord
 
 FEWEST = 5
 """Trials that must still be running for a share to be drawn: of fewer it says nothing."""
@@ -31,7 +31,7 @@ MOST_GRASPS = 8
 
 
 def switch_share(
-    records: Sequence[Mapping[str, Any]], steps: int
+    records: Sequence[PaperRecord], steps: int
 ) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
     """(steps,) share of pulls 1, 2, ... made from a new grasp, and (steps,) trials that made them.
 
@@ -39,7 +39,7 @@ def switch_share(
     """
     share, count = np.full(steps, np.nan), np.zeros(steps, dtype=np.int64)
     for step in range(steps):
-        flags = [r["per_step"]["grasp_switched"] for r in records]
+        flags = [r.per_step.grasp_switched for r in records]
         made = [bool(own[step]) for own in flags if len(own) > step]
         count[step] = len(made)
         if made:
@@ -47,12 +47,12 @@ def switch_share(
     return share, count
 
 
-def draw_grasp_switches(records: Sequence[Mapping[str, Any]], path: Path) -> None:
+def draw_grasp_switches(records: Sequence[PaperRecord], path: Path) -> None:
     """Share of the pulls of each step index that came from a switched grasp; below, how many.
 
     Every method with all its switches; without the switch of grasps there is nothing to count.
     """
-    steps = max([len(r["per_step"]["grasp_switched"]) for r in records], default=1)
+    steps = max([len(r.per_step.grasp_switched) for r in records], default=1)
     steps = max(steps, 1)
     figure, (top, bottom) = plt.subplots(
         2, 1, figsize=(8.4, 4.8), sharex=True, height_ratios=(3, 1), layout="constrained"
@@ -85,16 +85,16 @@ def draw_grasp_switches(records: Sequence[Mapping[str, Any]], path: Path) -> Non
     save(figure, path)
 
 
-def grasp_shares(records: Sequence[Mapping[str, Any]]) -> NDArray[np.float64]:
+def grasp_shares(records: Sequence[PaperRecord]) -> NDArray[np.float64]:
     """(MOST_GRASPS + 1,) share of trials with 0, 1, ... grasps; the last entry: that many or more.
 
     All trials count, those without any contact too.
     """
-    grasps = [min(int(record["grasps"]), MOST_GRASPS) for record in records]
+    grasps = [min(record.grasps, MOST_GRASPS) for record in records]
     return np.bincount(grasps, minlength=MOST_GRASPS + 1) / max(len(grasps), 1)
 
 
-def draw_grasp_counts(records: Sequence[Mapping[str, Any]], path: Path) -> None:
+def draw_grasp_counts(records: Sequence[PaperRecord], path: Path) -> None:
     """One small histogram a row of the tables: grasps per trial."""
     rows = rows_of(records)
     columns = min(3, max(len(rows), 1))
@@ -114,7 +114,7 @@ def draw_grasp_counts(records: Sequence[Mapping[str, Any]], path: Path) -> None:
     for axis, ((method, switches), own) in zip(axes.flat, rows.items(), strict=False):
         axis.set_visible(True)
         axis.bar(names, grasp_shares(own), color=method_colour(method))
-        mean = np.mean([int(r["grasps"]) for r in own])
+        mean = np.mean([r.grasps for r in own])
         axis.set_title(f"{row_label(method, switches)}\n{len(own)} trials, mean {mean:.2f}", size=9)
         axis.yaxis.set_major_formatter(mpl.ticker.PercentFormatter(1.0))
         axis.tick_params(labelbottom=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,32 +13,32 @@ import matplotlib.pyplot as plt
 from matplotlib.patches import Patch
 
 from flowbothd_evaluation.paper.figures.style import row_label, save, tidy
+from flowbothd_evaluation.records import PaperRecord, PullSignals
 
 _LINE, _HISTORY, _GRASP, _BARS = "#0072b2", "#d55e00", "#e69f00", "#c9c9c9"
 
 
-def telling_records(records: Sequence[Mapping[str, Any]]) -> list[Mapping[str, Any]]:
+def telling_records(records: Sequence[PaperRecord]) -> list[PaperRecord]:
     """A smooth success and a laborious one of the full method, as in the paper; fewer if none.
 
     The smooth one has the fewest rejected samples and grasps and at least four pulls if any has;
     the laborious one the most of both.
     """
-    full = [r for r in records if r["method"] == "flowbothd" and r["per_step"]["open_ratio"]]
-    most = max((len(str(r["switches"])) for r in full), default=0)
-    opened = [r for r in full if r["success"] and len(str(r["switches"])) == most] or full
+    full = [r for r in records if r.method == "flowbothd" and r.per_step.open_ratio]
+    most = max((len(r.switches) for r in full), default=0)
+    opened = [r for r in full if r.success and len(r.switches) == most] or full
     if not opened:
         return []
 
-    def trouble(record: Mapping[str, Any]) -> tuple[int, int]:
-        signals = record["per_step"]
-        return sum(signals["consistency_trials"]) + 3 * int(record["grasps"]), int(record["steps"])
+    def trouble(record: PaperRecord) -> tuple[int, int]:
+        return sum(record.per_step.consistency_trials) + 3 * record.grasps, record.steps
 
-    long_ones = [r for r in opened if len(r["per_step"]["open_ratio"]) >= 4] or opened
+    long_ones = [r for r in opened if len(r.per_step.open_ratio) >= 4] or opened
     smooth, laborious = min(long_ones, key=trouble), max(opened, key=trouble)
     return [smooth] if smooth is laborious else [smooth, laborious]
 
 
-def draw_policy_signals(records: Sequence[Mapping[str, Any]], path: Path) -> None:
+def draw_policy_signals(records: Sequence[PaperRecord], path: Path) -> None:
     """One panel a record: open ratio, history updates, switched grasps, rejected samples per step.
 
     Args:
@@ -58,17 +58,17 @@ def draw_policy_signals(records: Sequence[Mapping[str, Any]], path: Path) -> Non
         layout="constrained",
     )
     for axis, record in zip(axes[:, 0], records, strict=True):
-        shown = signal_panel(axis, record["per_step"])
+        shown = signal_panel(axis, record.per_step)
         axis.set_title(
-            f"{record['category']} {record['object']} {record['joint']}, trial {record['trial']}: "
-            f"{record['outcome']} ({row_label(str(record['method']), str(record['switches']))})",
+            f"{record.category} {record.object} {record.joint}, trial {record.trial}: "
+            f"{record.outcome} ({row_label(record.method, record.switches)})",
             fontsize=10,
         )
     figure.legend(handles=shown, loc="outside lower center", ncols=4, fontsize=9, frameon=False)
     save(figure, path)
 
 
-def signal_panel(axis: Any, signals: Mapping[str, Sequence[Any]]) -> list[Any]:
+def signal_panel(axis: Any, signals: PullSignals) -> list[Any]:
     """Signals of one trial over its steps, the `per_step` of its record, on an axis of matplotlib.
 
     The bars of rejected samples get an axis of their own on the right.
@@ -76,12 +76,12 @@ def signal_panel(axis: Any, signals: Mapping[str, Sequence[Any]]) -> list[Any]:
     Returns:
         What a legend is to show.
     """
-    ratios = [float("nan") if r is None else float(r) for r in signals["open_ratio"]]
+    ratios = [float("nan") if r is None else float(r) for r in signals.open_ratio]
     steps = list(range(1, len(ratios) + 1))
     right = axis.twinx()
-    right.bar(steps, signals["consistency_trials"], width=0.6, color=_BARS, zorder=1)
+    right.bar(steps, signals.consistency_trials, width=0.6, color=_BARS, zorder=1)
     right.set_ylabel("samples rejected", color="0.4")
-    right.set_ylim(0, max(4, 1.25 * max(signals["consistency_trials"], default=0)))
+    right.set_ylim(0, max(4, 1.25 * max(signals.consistency_trials, default=0)))
     right.yaxis.get_major_locator().set_params(integer=True)
     right.spines["top"].set_visible(False)
     # The line lies over the bars although their axis is the later one.
@@ -90,11 +90,11 @@ def signal_panel(axis: Any, signals: Mapping[str, Sequence[Any]]) -> list[Any]:
     axis.axhline(0.9, color="0.6", lw=1, ls="--")
     axis.plot(steps, ratios, "-", color=_LINE, lw=2, label="open ratio")
     # A switch is marked above the line, so that it hides no update of the same step.
-    for key, marker, colour, label, lift in (
-        ("history_updated", "o", _HISTORY, "history updated", 0.0),
-        ("grasp_switched", "v", _GRASP, "grasp switched", 0.1),
+    for flags, marker, colour, label, lift in (
+        (signals.history_updated, "o", _HISTORY, "history updated", 0.0),
+        (signals.grasp_switched, "v", _GRASP, "grasp switched", 0.1),
     ):
-        chosen = [(n, r + lift) for n, r, on in zip(steps, ratios, signals[key], strict=True) if on]
+        chosen = [(n, r + lift) for n, r, on in zip(steps, ratios, flags, strict=True) if on]
         where: Any = zip(*chosen, strict=True) if chosen else ([], [])
         axis.plot(*where, marker, color=colour, label=label, ms=8, mec="black", mew=0.6)
     axis.set(ylim=(-0.05, 1.15), ylabel="open ratio", xlim=(0.4, len(steps) + 0.6))

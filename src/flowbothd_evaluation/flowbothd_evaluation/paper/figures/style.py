@@ -14,6 +14,8 @@ import matplotlib.pyplot as plt
 from matplotlib.figure import Figure
 from PIL import Image
 
+from flowbothd_evaluation.records import PaperRecord
+
 METHODS = {
     "flowbothd": ("FlowBotHD (ours)", "#0072b2"),
     "flowbothd-nohistory": ("no history (ours)", "#56b4e9"),
@@ -68,13 +70,11 @@ def row_style(method: str, switches: str) -> dict[str, Any]:
     return {"color": method_colour(method), "linestyle": _LINES.get(switches, (0, (5, 1)))}
 
 
-def rows_of(
-    records: Iterable[Mapping[str, Any]],
-) -> dict[tuple[str, str], list[Mapping[str, Any]]]:
+def rows_of(records: Iterable[PaperRecord]) -> dict[tuple[str, str], list[PaperRecord]]:
     """Records by (method, switches): methods as in METHODS, then others; full switches first."""
-    rows: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
+    rows: dict[tuple[str, str], list[PaperRecord]] = {}
     for record in records:
-        rows.setdefault((str(record["method"]), str(record["switches"])), []).append(record)
+        rows.setdefault((record.method, record.switches), []).append(record)
     known = list(METHODS)
 
     def place(row: tuple[str, str]) -> tuple[int, str, int, str]:
@@ -86,8 +86,8 @@ def rows_of(
 
 
 def fullest(
-    rows: Mapping[tuple[str, str], list[Mapping[str, Any]]],
-) -> dict[tuple[str, str], list[Mapping[str, Any]]]:
+    rows: Mapping[tuple[str, str], list[PaperRecord]],
+) -> dict[tuple[str, str], list[PaperRecord]]:
     """Of every method the row with the most switches on."""
     best: dict[str, str] = {}
     for method, switches in rows:

@@ -21,25 +21,24 @@ from flowbothd_evaluation.paper.figures.style import (
     save,
     tidy,
 )
+from flowbothd_evaluation.records import PaperRecord
+from flowbothd_evaluation.run_record.record import OPEN
 
-OPEN = 0.9
-"""Open ratio above which a part counts as open."""
 
-
-def step_of_success(record: Mapping[str, Any]) -> int | None:
+def step_of_success(record: PaperRecord) -> int | None:
     """The pull (1 = the first) after which the part counted as open; None if it never did.
 
     Trials without success never did, whatever a part swung to on the way.
     """
-    if not record["success"]:
+    if not record.success:
         return None
-    ratios = record["per_step"]["open_ratio"]
+    ratios = record.per_step.open_ratio
     reached = [i + 1 for i, ratio in enumerate(ratios) if ratio is not None and ratio > OPEN]
     # A success that no pull shows was seen after the last one.
     return reached[0] if reached else max(len(ratios), 1)
 
 
-def success_over_steps(records: Sequence[Mapping[str, Any]], steps: int) -> NDArray[np.float64]:
+def success_over_steps(records: Sequence[PaperRecord], steps: int) -> NDArray[np.float64]:
     """(steps + 1,) share of ALL trials that are open after 0, 1, ... pulls.
 
     Trials that never made a pull count as not open: the released code left them out.
@@ -50,13 +49,13 @@ def success_over_steps(records: Sequence[Mapping[str, Any]], steps: int) -> NDAr
     )
 
 
-def draw_success_over_steps(records: Sequence[Mapping[str, Any]], path: Path) -> None:
+def draw_success_over_steps(records: Sequence[PaperRecord], path: Path) -> None:
     """Share of all trials that are open after so many pulls, one line a row of the tables.
 
     Left every method with all its switches; right, if there are such rows, what fewer switches
     make of it.
     """
-    steps = max([len(r["per_step"]["open_ratio"]) for r in records], default=1)
+    steps = max([len(r.per_step.open_ratio) for r in records], default=1)
     rows = rows_of(records)
     full = fullest(rows)
     several = {row[0] for row in rows if row not in full}
@@ -82,7 +81,7 @@ def draw_success_over_steps(records: Sequence[Mapping[str, Any]], path: Path) ->
 def _panel(
     axis: Any,
     title: str,
-    rows: Mapping[tuple[str, str], Sequence[Mapping[str, Any]]],
+    rows: Mapping[tuple[str, str], Sequence[PaperRecord]],
     steps: int,
 ) -> None:
     for (method, switches), own in rows.items():

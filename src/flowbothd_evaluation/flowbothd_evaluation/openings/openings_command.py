@@ -1,4 +1,4 @@
-"""`flowbothd bench openings`: how far each part is opened from its committed pose, run by run.
+"""`flowbothd eval openings`: how far each part is opened from its committed pose, run by run.
 
 Runs are stepped and repeat bit for bit; each is one JSON record, so that a long bench can be
 stopped and resumed.
@@ -10,17 +10,18 @@ import argparse
 import sys
 from pathlib import Path
 
-from flowbothd_evaluation.openings.runs import Run, key_of, make_run, record_key, strip_file, table
+from flowbothd_evaluation.openings.runs import Run, make_run, strip_file, table
 from flowbothd_evaluation.openings.search_command import search
-from flowbothd_evaluation.openings.task import load_openings
+from flowbothd_evaluation.openings.task import key_of, load_openings
+from flowbothd_evaluation.records import OpeningRecord
 from flowbothd_evaluation.resumable import add_work_arguments, run_resumable
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `flowbothd bench openings`."""
+    """Arguments of `flowbothd eval openings`."""
     parser.add_argument("--tasks", nargs="*", default=[], metavar="TASK", help="(default: all)")
     parser.add_argument("--seeds", type=int, default=10, help="runs each (default: %(default)s)")
-    add_work_arguments(parser, Path("out/bench_openings.jsonl"), "run")
+    add_work_arguments(parser, Path("out/eval/openings.jsonl"), "run")
     parser.add_argument(
         "--search",
         type=int,
@@ -45,11 +46,13 @@ def run(arguments: argparse.Namespace) -> int:
         for opening in openings.values()
         for seed in range(arguments.seeds)
     }
-    records = run_resumable(work, make_run, record_key, arguments.out, arguments.jobs, unit="run")
+    records = run_resumable(
+        work, make_run, OpeningRecord, arguments.out, arguments.jobs, unit="run"
+    )
     sys.stdout.write(table(openings, records) + "\n")
     if arguments.frames is not None:
         _overview(list(openings), arguments.frames)
-    return 0 if all(r["opened"] and r["clean"] for r in records) else 1
+    return 0 if all(r.opened and r.clean for r in records) else 1
 
 
 def _overview(tasks: list[str], folder: Path) -> None:

@@ -1,4 +1,4 @@
-"""`flowbothd eval`: the paper's experiment, one record for every object, link and trial."""
+"""`flowbothd eval paper`: the paper's experiment, one record for every object, link and trial."""
 
 from __future__ import annotations
 
@@ -19,19 +19,22 @@ from flowbothd_evaluation.paper.methods import (
     method,
     parse_switches,
     weights_digest,
+    weights_given,
     weights_of,
 )
 from flowbothd_evaluation.paper.suites import SUITES, Row, Suite
 from flowbothd_evaluation.paper.tables import RowKey, row_key
-from flowbothd_evaluation.paper.trial import MASKS, NONE, EvalTrial, failed, record_key, run_trial
-from flowbothd_evaluation.resumable import Record, add_work_arguments, read_records, run_resumable
+from flowbothd_evaluation.paper.trial import PaperTrial, run_trial
+from flowbothd_evaluation.record_files import read_records
+from flowbothd_evaluation.records import MASKS, NONE, PaperRecord
+from flowbothd_evaluation.resumable import add_work_arguments, run_resumable
 
 FILTER = Row("oracle", ("SG",), "robot")
 """Who decides what can be opened at all: the truth, with the policy that makes the most of it."""
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `flowbothd eval`."""
+    """Arguments of `flowbothd eval paper`."""
     add = parser.add_argument
     add(
         "--objects",
@@ -99,7 +102,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="try links, too, that the truth does not open",
     )
-    add_work_arguments(parser, Path("out/eval/results.jsonl"))
+    add_work_arguments(parser, Path("out/eval/paper.jsonl"))
 
 
 def run(arguments: argparse.Namespace) -> int:
@@ -113,13 +116,13 @@ def run(arguments: argparse.Namespace) -> int:
             raise ParameterError(name, got=value, allowed=">= 1")
     cases = _cases(arguments, chosen.ids if chosen else ())
     weights = _weights(arguments.weights, rows)
-    read_records(arguments.out)
+    read_records(arguments.out, PaperRecord)
     work = {
-        trial.key(): trial
+        trial.key: trial
         for row in rows
         for trial in _trials(row, cases, trials, weights, arguments)
     }
-    opened: Mapping[Hashable, Record] = {}
+    opened: Mapping[Hashable, PaperRecord] = {}
     if not arguments.no_filter:
         opened = _filtered(cases, arguments)
     records = _evaluate(work, opened, arguments)
@@ -156,15 +159,8 @@ class _Weights(NamedTuple):
 
 
 def _weights(given: Sequence[str], rows: Sequence[Row]) -> dict[str, _Weights]:
-    """Weights by method, all of them there: better told now than after an hour."""
-    changed = {}
-    for text in given:
-        name, separator, path = text.partition("=")
-        if not separator or name not in METHODS:
-            raise ParameterError(
-                "weights for a method", got=text, allowed=f"METHOD=PATH, METHOD of {list(METHODS)}"
-            )
-        changed[name] = path
+    """Weights by method, all of them there: an hour later would be too late."""
+    changed = weights_given(given)
     found = {row.method: weights_of(METHODS[row.method], changed) for row in rows}
     return {chosen: _Weights(name, weights_digest(name)) for chosen, name in found.items()}
 
@@ -189,14 +185,14 @@ def _trials(
     trials: int,
     weights: Mapping[str, _Weights],
     arguments: argparse.Namespace,
-) -> Iterator[EvalTrial]:
+) -> Iterator[PaperTrial]:
     name, digest = weights.get(row.method, _Weights())
     for mask in row.masks:
         for case in cases:
             links = case.openable if mask != NONE else ("",) * bool(case.openable)
             for link in links:
                 for number in range(trials):
-                    yield EvalTrial(
+                    yield PaperTrial(
                         case,
                         link,
                         number,
@@ -210,52 +206,51 @@ def _trials(
                     )
 
 
-def _filtered(cases: Sequence[Case], arguments: argparse.Namespace) -> dict[Hashable, Record]:
+def _filtered(cases: Sequence[Case], arguments: argparse.Namespace) -> dict[Hashable, PaperRecord]:
     """The ground-truth filter: its records by object and link, kept beside the results."""
-    work = {trial.key(): trial for trial in _trials(FILTER, cases, 1, {}, arguments)}
+    work = {trial.key: trial for trial in _trials(FILTER, cases, 1, {}, arguments)}
     out = arguments.out.parent / "ground_truth_filter.jsonl"
-    records = run_resumable(work, run_trial, record_key, out, arguments.jobs, unit="link")
-    shut = [f"{r['object']} {r['link']} ({r['outcome']})" for r in records if not r["success"]]
+    records = run_resumable(work, run_trial, PaperRecord, out, arguments.jobs, unit="link")
+    shut = [f"{r.object} {r.link} ({r.outcome})" for r in records if not r.success]
     sys.stdout.write(
         f"ground truth opens {len(records) - len(shut)} of {len(records)} links"
         + (f"; not {', '.join(shut)}" if shut else "")
         + "\n"
     )
-    return {(r["object"], r["link"]): r for r in records}
+    return {(r.object, r.link): r for r in records}
 
 
 def _evaluate(
-    work: Mapping[Hashable, EvalTrial],
-    opened: Mapping[Hashable, Record],
+    work: Mapping[Hashable, PaperTrial],
+    opened: Mapping[Hashable, PaperRecord],
     arguments: argparse.Namespace,
-) -> list[Record]:
+) -> list[PaperRecord]:
     """Run the trials; those of links that the truth cannot open are recorded as such."""
-    shut = {key for key, record in opened.items() if not record["success"]}
+    shut = {key for key, record in opened.items() if not record.success}
     plan = {key: (trial, _hopeless(trial, shut)) for key, trial in work.items()}
-    return run_resumable(plan, _run, record_key, arguments.out, arguments.jobs)
+    return run_resumable(plan, _run, PaperRecord, arguments.out, arguments.jobs)
 
 
-def _hopeless(trial: EvalTrial, shut: set[Hashable]) -> bool:
+def _hopeless(trial: PaperTrial, shut: set[Hashable]) -> bool:
     links = (trial.link,) if trial.link else trial.case.openable
     return all((trial.case.name, link) in shut for link in links)
 
 
-def _run(planned: tuple[EvalTrial, bool]) -> Record:
+def _run(planned: tuple[PaperTrial, bool]) -> PaperRecord:
     trial, hopeless = planned
     if not hopeless:
         return run_trial(trial)
     reason = "the ground-truth filter did not open it either"
-    nothing = failed(trial.link, Outcome.UNOPENABLE_WITH_GROUND_TRUTH, reason)
-    return {**trial.identity(), **nothing, "seconds": {"total": 0.0}}
+    return trial.nothing_pulled(Outcome.UNOPENABLE_WITH_GROUND_TRUTH, reason)
 
 
-def _tell(records: Sequence[Record]) -> None:
-    """One line a row; `flowbothd tables` has the rest."""
-    rows: dict[RowKey, list[Record]] = {}
+def _tell(records: Sequence[PaperRecord]) -> None:
+    """One line a row; `flowbothd eval report` has the rest."""
+    rows: dict[RowKey, list[PaperRecord]] = {}
     for record in records:
         rows.setdefault(row_key(record), []).append(record)
     for (name, switches, policy, mask), found in rows.items():
-        opened = sum(bool(r["success"]) for r in found)
+        opened = sum(r.success for r in found)
         sys.stdout.write(
             f"{name} [{switches or 'none'}] {policy} policy, target mask {mask}: "
             f"{opened} of {len(found)} opened\n"

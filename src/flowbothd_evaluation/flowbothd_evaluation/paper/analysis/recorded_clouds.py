@@ -1,16 +1,16 @@
-"""Recorded clouds through the sampling and the network, as a picture.
-
-python -m flowbothd_evaluation.benchmarks.real_clouds FOLDER --out docs/images/real_clouds.png
-"""
+"""Recorded clouds through outlier removal, sampling and the network, as a picture."""
 
 from __future__ import annotations
 
-import argparse
-import sys
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import matplotlib as mpl
+
+mpl.use("Agg")
+import matplotlib.pyplot as plt
 import numpy as np
 import open3d as o3d
 
@@ -22,6 +22,7 @@ from flowbothd_perception.frame import CloudFrame
 from flowbothd_perception.outliers import inliers
 from flowbothd_perception.params import CropParams, OutlierParams
 from flowbothd_perception.sampling import sample
+from flowbothd_policy.predictor import FlowPredictor
 
 POINTS = 1200
 
@@ -81,13 +82,10 @@ def _door(folder: Path) -> Recorded:
     return Recorded("door, with its last step", now, len(now), History(before, flow))
 
 
-def picture(recorded: list[Recorded], predictor: Any, path: Path, samples: int = 3) -> None:
+def draw_recorded(
+    recorded: Sequence[Recorded], predictor: FlowPredictor, path: Path, samples: int = 3
+) -> None:
     """Clouds in rows, samples of their flow in columns; blue rests, red moves, arrows say where."""
-    import matplotlib as mpl
-
-    mpl.use("Agg")
-    from matplotlib import pyplot as plt
-
     figure = plt.figure(figsize=(3.2 * (samples + 1), 3.0 * len(recorded)))
     for row, item in enumerate(recorded):
         flows = predictor.sample(item.points, item.history, samples=samples, seed=0)
@@ -103,7 +101,6 @@ def picture(recorded: list[Recorded], predictor: Any, path: Path, samples: int =
                 fontsize=8,
             )
     figure.subplots_adjust(left=0, right=1, bottom=0, top=0.94, wspace=0, hspace=0.12)
-    path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path, dpi=70)
     plt.close(figure)
 
@@ -119,31 +116,3 @@ def _draw(axes: Any, item: Recorded, flow: Cloud | None) -> None:
     axes.set_box_aspect(np.ptp(points, axis=0) + 1e-3)
     axes.view_init(elev=18, azim=-150)
     axes.set_axis_off()
-
-
-def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of the picture."""
-    parser.add_argument("folder", type=Path, help="folder with custom_door and microwave")
-    parser.add_argument("--model", default="compact-procedural", help="name, folder or file")
-    parser.add_argument("--out", type=Path, default=Path("out/real_clouds.png"))
-
-
-def run(arguments: argparse.Namespace) -> int:
-    """Read, predict, draw."""
-    from flowbothd_model.predictor import load
-
-    recorded = read_recorded(arguments.folder)
-    picture(recorded, load(arguments.model), arguments.out)
-    sys.stdout.write(f"written to {arguments.out}\n")
-    return 0
-
-
-def main() -> int:
-    """The command line."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    add_arguments(parser)
-    return run(parser.parse_args())
-
-
-if __name__ == "__main__":
-    raise SystemExit(main())
