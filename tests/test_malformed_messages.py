@@ -42,8 +42,8 @@ NODES: dict[str, tuple[str, dict[str, Any]]] = {
     "policy_node": ("flowbothd_policy.policy_node.PolicyNode", {"service_timeout": 0.5}),
     "motion_node": ("franka_suction_driver.motion_node.MotionNode", {}),
     "suction_node": ("franka_suction_driver.suction.suction_node.SuctionNode", {}),
-    "arm_node": ("franka_suction_driver.arm_node.ArmNode", {"backend": "recording"}),
-    "pump_node": ("franka_suction_driver.pump_node.PumpNode", {"backend": "recording"}),
+    "arm_node": ("franka_suction_driver.arm_node.ArmNode", {"backend": "mock"}),
+    "pump_node": ("franka_suction_driver.pump_node.PumpNode", {"backend": "mock"}),
 }
 SKIPPED = ("/clock", "/parameter_events", "_action/")
 

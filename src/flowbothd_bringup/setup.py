@@ -13,10 +13,10 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/" + NAME]),
         ("share/" + NAME, ["package.xml"]),
-        ("share/" + NAME + "/config", ["config/sim.yaml", "config/real.yaml", "config/fr3.yaml"]),
+        ("share/" + NAME + "/config", ["config/sim.yaml", "config/robot.yaml", "config/fr3.yaml"]),
         (
             "share/" + NAME + "/launch",
-            ["launch/sim.launch.py", "launch/real.launch.py", "launch/replay.launch.py"],
+            ["launch/sim.launch.py", "launch/robot.launch.py", "launch/replay.launch.py"],
         ),
     ],
     install_requires=["setuptools"],

@@ -25,7 +25,7 @@ CAMERA = {"camera.position": [0.6, -1.0, 0.6], "camera.quaternion": [0.0, 0.0, 0
 
 
 class TestDoctor:
-    """What the doctor says of what was found."""
+    """Report of the doctor on its findings."""
 
     def test_rates_and_stamps(self) -> None:
         steady = Heard([0.1 * k for k in range(20)], [0.02] * 20)

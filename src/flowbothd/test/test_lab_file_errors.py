@@ -1,4 +1,4 @@
-"""What is wrong with a lab's file is said in one line, before any node starts."""
+"""Errors in a lab's file are reported in one line, before any node starts."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def lab(tmp_path: Path) -> Any:
 @pytest.mark.parametrize(
     "command",
     [
-        ["up", "real", "--backend", "recording"],
+        ["up", "robot", "--backend", "mock"],
         pytest.param(["doctor"], marks=pytest.mark.ros),
     ],
 )
@@ -57,6 +57,6 @@ def test_a_value_that_is_not_allowed_is_refused_before_anything_starts(
 ):
     """One node ended with the reason, six went on, and the arm stood without its planner."""
     file = lab(f"{node}: {{ros__parameters: {values}}}")
-    assert main(["up", "real", "--backend", "recording", "--params", str(file)]) == 2
+    assert main(["up", "robot", "--backend", "mock", "--params", str(file)]) == 2
     error = capsys.readouterr().err
     assert said in error and "lab.yaml" in error and node in error

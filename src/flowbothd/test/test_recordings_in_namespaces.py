@@ -16,7 +16,7 @@ from flowbothd_rosbag.metadata import BagError, Topic
 from flowbothd_rosbag.reader import Bag
 from flowbothd_rosbag.writer import BagWriter
 
-EVENTS = ("policy/events", "flowbothd_interfaces/msg/PolicyEvent")
+DECISIONS = ("policy/decisions", "flowbothd_interfaces/msg/PolicyDecision")
 SENSED = (
     ("joint_states", "sensor_msgs/msg/JointState"),
     ("robot_description", "std_msgs/msg/String"),
@@ -42,15 +42,15 @@ def recording(folder: Path, *topics: tuple[str, str]) -> Path:
 @pytest.mark.ros
 def test_perception_runs_again_on_a_recording_from_a_namespace(tmp_path: Path):
     """The incident: `replay --recompute perception` lacked /joint_states, recorded under /left."""
-    path = recording(tmp_path, EVENTS, *SENSED)
+    path = recording(tmp_path, DECISIONS, *SENSED)
     assert perceive_again(Bag(path), read_story(Bag(path))).clouds == {}
-    lacking = Bag(recording(tmp_path / "less", EVENTS))
+    lacking = Bag(recording(tmp_path / "less", DECISIONS))
     with pytest.raises(BagError, match="lacks what perception_node listens to"):
         perceive_again(lacking, read_story(lacking))
 
 
 def test_perception_is_started_with_what_it_had_in_its_namespace(tmp_path: Path):
-    path = recording(tmp_path, EVENTS, *SENSED)
+    path = recording(tmp_path, DECISIONS, *SENSED)
     graph = playing_graph(path, perception=True)
     assert graph.parameters[PERCEPTION]["camera.position"] == [0.0, 0.0, 1.0]
     assert graph.parameters[PLAYER]["wait_for"] == ["/left/joint_states", "/left/depth/image_raw"]
@@ -58,7 +58,7 @@ def test_perception_is_started_with_what_it_had_in_its_namespace(tmp_path: Path)
 
 def test_perception_listens_where_the_graph_was_and_the_player_stays_in_the_root(tmp_path: Path):
     """The incident: perception_node listened in the root to a recording from /left, and waited."""
-    path = recording(tmp_path, EVENTS, *SENSED)
+    path = recording(tmp_path, DECISIONS, *SENSED)
     processes = playing_graph(path, perception=True).processes(tmp_path / "parameters.yaml")
     moved = {process.name: "__ns:=/left" in process.command for process in processes}
     assert moved == {PLAYER: False, PERCEPTION: True}

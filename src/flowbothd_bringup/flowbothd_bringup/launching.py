@@ -1,4 +1,4 @@
-"""What the launch files share: the nodes of a graph as launch actions, from the same parameters.
+"""Code shared by the launch files: the nodes of a graph as launch actions.
 
 Only launch files import this: `launch` and `launch_ros` come with ROS from apt alone.
 """
@@ -44,7 +44,7 @@ Values = dict[str, str]
 
 
 def is_true(text: str) -> bool:
-    """Whether a launch argument says yes."""
+    """Return True if a launch argument says yes."""
     return text.strip().lower() in ("true", "1", "yes", "on")
 
 

@@ -84,7 +84,7 @@ class NodeGraph:
 def config_file(name: str) -> Path:
     """Path of a parameter file that comes with this package.
 
-    It lies beside the package in a source checkout, in share/flowbothd_bringup once installed.
+    It is next to the package in a source checkout, in share/flowbothd_bringup once installed.
     """
     package = Path(__file__).resolve().parent
     checkout = package.parent / "config" / name

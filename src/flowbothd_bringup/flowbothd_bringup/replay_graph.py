@@ -1,4 +1,4 @@
-"""The graph that plays a recording: the player, and perception if it is to run anew."""
+"""The graph that plays a recording: the player, and perception if it is to run again."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def playing_graph(
         rate: Speed.
         begin: Where to begin, after the first message [s].
         end: Where to end [s]; 0 = at its end.
-        loop: Begin anew at the end.
+        loop: Start over at the end.
         exclude: Regular expression of topics that are not played.
         perception: Run perception_node as it was configured, and play all but what it put out.
         namespace: Graph whose perception_node it is, where several were recorded.

@@ -29,12 +29,12 @@ _CALIBRATION = ("camera.position", "camera.quaternion")
 
 
 @dataclass(frozen=True)
-class RealOptions:
-    """What is said on the command line.
+class RobotOptions:
+    """Options of the command line.
 
     Attributes:
         robot_ip: Address of the control unit.
-        backend: topic, panda or recording.
+        backend: topic, panda or mock.
         files: Parameter files of the lab; later ones win.
         model: Name, folder or file of the weights; empty = the inference node's own default.
         speed: Part of all speeds; None = the files'.
@@ -53,8 +53,8 @@ class RealOptions:
     namespace: str = ""
 
 
-def real_parameters(options: RealOptions) -> Parameters:
-    """Parameters of every node: config/real.yaml, then the lab's files, then the command line.
+def robot_parameters(options: RobotOptions) -> Parameters:
+    """Parameters of every node: config/robot.yaml, then the lab's files, then the command line.
 
     Raises:
         ParameterError: a file, the calibration or the address is missing, the force limits are in
@@ -64,9 +64,9 @@ def real_parameters(options: RealOptions) -> Parameters:
     missing = missing_parameters(result)
     if missing:
         raise ParameterError(
-            "parameters that nobody can guess are missing",
+            "required parameters are missing",
             got=", ".join(missing),
-            hint="write them into a file and give it with --params; docs/real_robot.md has one",
+            hint="write them into a file for --params; docs/tutorials/own_robot.md has one",
         )
     result["motion_node"].setdefault(
         "camera_position", result["perception_node"]["camera.position"]
@@ -75,7 +75,7 @@ def real_parameters(options: RealOptions) -> Parameters:
     return result
 
 
-def given_parameters(options: RealOptions) -> Parameters:
+def given_parameters(options: RobotOptions) -> Parameters:
     """The same, without asking for what is missing; for the doctor.
 
     Raises:
@@ -83,7 +83,7 @@ def given_parameters(options: RealOptions) -> Parameters:
     """
     if options.backend not in BACKENDS:
         raise ParameterError("unknown backend", got=options.backend, allowed=", ".join(BACKENDS))
-    result = read_parameters(config_file("real.yaml"))
+    result = read_parameters(config_file("robot.yaml"))
     for file in options.files:
         for node, values in lab_parameters(file, NODES, _OTHERS, options.namespace).items():
             result.setdefault(node, {}).update(values)
@@ -92,7 +92,7 @@ def given_parameters(options: RealOptions) -> Parameters:
 
 
 def missing_parameters(parameters: Parameters) -> list[str]:
-    """What a lab must give and has not."""
+    """Required parameters that the lab has not given."""
     missing = [
         f"perception_node {name}"
         for name in _CALIBRATION
@@ -129,19 +129,19 @@ def check_force_limits(parameters: Parameters) -> None:
             )
 
 
-def robot_graph(options: RealOptions) -> NodeGraph:
+def robot_graph(options: RobotOptions) -> NodeGraph:
     """Return the graph on a robot; the camera's driver is started by the lab.
 
     Raises:
-        ParameterError: as `real_parameters`.
+        ParameterError: as `robot_parameters`.
     """
-    return NodeGraph(NODES, real_parameters(options), namespace=options.namespace)
+    return NodeGraph(NODES, robot_parameters(options), namespace=options.namespace)
 
 
-def _apply(parameters: Parameters, options: RealOptions) -> None:
+def _apply(parameters: Parameters, options: RobotOptions) -> None:
     arm, pump = parameters["arm_node"], parameters["pump_node"]
     arm["backend"] = options.backend
-    pump["backend"] = "recording" if options.backend == "recording" else "panda"
+    pump["backend"] = "mock" if options.backend == "mock" else "panda"
     if options.robot_ip:
         arm["panda.robot_ip"] = pump["robot_ip"] = options.robot_ip
     if options.model:

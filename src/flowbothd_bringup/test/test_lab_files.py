@@ -10,7 +10,7 @@ import yaml
 
 from flowbothd_bringup.lab_files import lab_parameters
 from flowbothd_bringup.node_graph import config_file
-from flowbothd_bringup.robot_graph import RealOptions, given_parameters
+from flowbothd_bringup.robot_graph import RobotOptions, given_parameters
 from flowbothd_common.errors import ParameterError
 from flowbothd_common.parameter_files import (
     full_name,
@@ -128,13 +128,13 @@ def test_every_file_that_is_shipped_applies_under_a_namespace():
     from franka_suction_driver.simulated import SIMULATED_ARM
 
     cameras = Path(flowbothd_perception.__file__).parent / "config"
-    folders = (config_file("real.yaml").parent, cameras, SIMULATED_ARM.parent)
+    folders = (config_file("robot.yaml").parent, cameras, SIMULATED_ARM.parent)
     found = {}
     for folder in folders:
         for file in folder.rglob("*.yaml"):
             if "ros__parameters" in file.read_text():
                 found[file.name] = list(yaml.safe_load(file.read_text()))
-    shipped = {"sim.yaml", "real.yaml", "fr3.yaml", "azure_kinect.yaml", SIMULATED_ARM.name}
+    shipped = {"sim.yaml", "robot.yaml", "fr3.yaml", "azure_kinect.yaml", SIMULATED_ARM.name}
     assert shipped <= set(found)
     for file, entries in found.items():
         assert all(reaches(e, full_name(e.split("/")[-1], "left")) for e in entries), file
@@ -142,5 +142,5 @@ def test_every_file_that_is_shipped_applies_under_a_namespace():
 
 def test_a_real_graph_in_a_namespace_takes_what_is_written_for_it(lab: Any):
     file = lab(f"/left/motion_node: {DRY}", f"/right/motion_node: {DRY}")
-    options = RealOptions(backend="recording", files=(file,), namespace="/left")
+    options = RobotOptions(backend="mock", files=(file,), namespace="/left")
     assert given_parameters(options)["motion_node"]["safety.dry_run"] is True

@@ -121,20 +121,20 @@ def test_every_graph_can_be_recorded(launch):
 
 
 def test_robot(launch, tmp_path):
-    from flowbothd_bringup.robot_graph import NODES, RealOptions, real_parameters
+    from flowbothd_bringup.robot_graph import NODES, RobotOptions, robot_parameters
     from flowbothd_common.errors import ParameterError
 
     with pytest.raises(ParameterError):
-        launch("real.launch.py", backend="recording")
+        launch("robot.launch.py", backend="mock")
     lab = tmp_path / "lab.yaml"
     lab.write_text(
         "perception_node: {ros__parameters: {camera.position: [1.0, 0.0, 1.0], "
         "camera.quaternion: [0.0, 0.0, 0.0, 1.0]}}\n"
     )
-    actions = launch("real.launch.py", backend="recording", params=str(lab), speed="0.2")
+    actions = launch("robot.launch.py", backend="mock", params=str(lab), speed="0.2")
     assert set(started(actions)) == set(NODES)
-    options = RealOptions(backend="recording", files=(lab,), speed=0.2)
-    assert parameters_of(actions) == plain(real_parameters(options))
+    options = RobotOptions(backend="mock", files=(lab,), speed=0.2)
+    assert parameters_of(actions) == plain(robot_parameters(options))
 
 
 def test_below_a_namespace_the_files_of_a_lab_apply(launch, tmp_path):
@@ -146,13 +146,13 @@ def test_below_a_namespace_the_files_of_a_lab_apply(launch, tmp_path):
         "perception_node: {ros__parameters: {camera.position: [1.0, 0.0, 1.0], "
         "camera.quaternion: [0.0, 0.0, 0.0, 1.0]}}\n"
     )
-    arguments = {"params": str(lab), "backend": "recording"}
+    arguments = {"params": str(lab), "backend": "mock"}
     for name in ("motion_node", "/left/motion_node"):
         lab.write_text(camera + f"{name}: {{ros__parameters: {{safety.dry_run: true}}}}\n")
-        values = parameters_of(launch("real.launch.py", below="/left", **arguments))
+        values = parameters_of(launch("robot.launch.py", below="/left", **arguments))
         assert values["/**/motion_node"]["ros__parameters"]["safety.dry_run"] is True
     with pytest.raises(ParameterError, match="/left/motion_node reach no node"):
-        launch("real.launch.py", below="/right", **arguments)
+        launch("robot.launch.py", below="/right", **arguments)
 
 
 def test_replay(launch, tmp_path):

@@ -44,7 +44,7 @@ class InvalidMessageError(FlowBotError, ValueError):
 
 
 class FrameUnavailableError(FlowBotError):
-    """A transform is missing, or a message is in a frame nobody has described."""
+    """A transform is missing, or a message is in an unknown frame."""
 
 
 class CheckpointError(FlowBotError):
@@ -56,7 +56,7 @@ class MotionRejectedError(FlowBotError):
 
 
 class SuctionError(FlowBotError):
-    """The pump did not do what it was told."""
+    """The pump did not carry out a command."""
 
 
 class ParameterError(FlowBotError, ValueError):

@@ -31,7 +31,7 @@ Value = (
 
 @dataclass(frozen=True)
 class Specification:
-    """What is declared of one parameter.
+    """Declaration of one parameter.
 
     Attributes:
         name: Full dotted name.
@@ -72,7 +72,7 @@ class Specification:
 
     @property
     def allowed(self) -> str:
-        """What values are allowed, in words; empty if any."""
+        """Allowed values in words; empty if any value is allowed."""
         if self.choices:
             return ", ".join(self.choices)
         parts = []

@@ -78,7 +78,10 @@ class PerceptionNode(Node):
         self._description, self._pipeline, self._joints = "", None, None
         self._pipeline = pipeline = PerceptionPipeline(params, message.data)
         self._joints = JointBuffer(
-            pipeline.joint_names, params.joint_gap, params.joint_still, params.joint_reach
+            pipeline.joint_names,
+            params.max_gap,
+            params.stationary_threshold,
+            params.max_extrapolation,
         )
         self._description = message.data
 
@@ -170,7 +173,7 @@ class PerceptionNode(Node):
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the node until it is told to stop."""
+    """Run the node until it is stopped."""
     return run_node(PerceptionNode, args)
 
 

@@ -18,7 +18,7 @@ from flowbothd_common.errors import FlowBotError, InvalidMessageError
 from flowbothd_common.motion import MotionGoal, MotionKind, MotionReason, MotionResult
 from flowbothd_common.ros import clouds, received
 from flowbothd_common.ros.conversions import (
-    to_arc,
+    to_joint_estimate,
     to_point,
     to_stamp,
     to_vector3,
@@ -26,7 +26,7 @@ from flowbothd_common.ros.conversions import (
 from flowbothd_common.ros.guard import Guard
 from flowbothd_common.types import SuctionPhase
 from flowbothd_interfaces.action import Approach, FlowStep, Probe, Retreat
-from flowbothd_interfaces.msg import PolicyEvent
+from flowbothd_interfaces.msg import PolicyDecision
 from flowbothd_interfaces.srv import PredictFlow, SetSuction
 from flowbothd_policy.commands import Decision, Predict
 from flowbothd_policy.events import (
@@ -77,7 +77,7 @@ class Actuators:
         self._request_number = 0
 
     def missing(self) -> list[str]:
-        """Names of services and actions that nobody serves."""
+        """Names of services and actions that are not served."""
         services = {
             "motion/stop": self._stop.service_is_ready(),
             "suction/set": self._suction.service_is_ready(),
@@ -199,8 +199,8 @@ class Actuators:
             message.contact = to_point(goal.contact)
         if goal.direction is not None and hasattr(message, "direction"):
             message.direction = to_vector3(goal.direction)
-        if hasattr(message, "arc"):
-            message.arc = to_arc(goal.arc)
+        if hasattr(message, "joint"):
+            message.joint = to_joint_estimate(goal.joint)
         if hasattr(message, "distance"):
             message.distance = float(goal.distance)
         if hasattr(message, "max_distance"):
@@ -225,9 +225,9 @@ def _prediction(response: PredictFlow.Response | None, command: Predict) -> Even
     return PredictionArrived(points, flows, command.stamp, response.model_id, command.seed)
 
 
-def to_event_message(decision: Decision, base_frame: str) -> PolicyEvent:
-    """PolicyEvent message of a decision."""
-    return PolicyEvent(
+def to_decision_message(decision: Decision, base_frame: str) -> PolicyDecision:
+    """Return the PolicyDecision message of a decision."""
+    return PolicyDecision(
         header=Header(frame_id=base_frame, stamp=to_stamp(max(decision.time, 0.0))),
         sequence=decision.sequence,
         state=decision.state,

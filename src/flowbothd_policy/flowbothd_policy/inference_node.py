@@ -159,7 +159,7 @@ def load_model(params: InferenceParams) -> FlowPredictor:
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the node until it is told to stop."""
+    """Run the node until it is stopped."""
     return run_node(InferenceNode, args)
 
 

@@ -18,8 +18,8 @@ from flowbothd_common.ros.liveness import PeerWatch
 from flowbothd_common.ros.node_main import run_node
 from flowbothd_common.ros.parameters import declare
 from flowbothd_common.types import Outcome, SuctionPhase
-from flowbothd_interfaces.msg import PolicyEvent, SuctionState
-from flowbothd_policy.actuators_ros import Actuators, to_event_message
+from flowbothd_interfaces.msg import PolicyDecision, SuctionState
+from flowbothd_policy.actuators_ros import Actuators, to_decision_message
 from flowbothd_policy.commands import (
     Command,
     Decision,
@@ -39,7 +39,7 @@ from flowbothd_policy.events import (
     SuctionChanged,
     WaitExpired,
 )
-from flowbothd_policy.inputs_ros import InputLog, phase_of
+from flowbothd_policy.events_ros import EventLog, phase_of
 from flowbothd_policy.policy_node_params import PolicyNodeParams
 from flowbothd_policy.state import Phase, PolicyState
 from flowbothd_policy.state_machine import advance, waiting
@@ -62,12 +62,12 @@ class PolicyNode(Node):
         self._suction, self._outcome, self._started = SuctionPhase.OFF, "", False
         guard = Guard(self, self._on_failure)
         self._status = diagnostics.NodeStatus(self, guard)
-        self._peers = PeerWatch(self, self._params.peers, self._params.peer_timeout)
+        self._peers = PeerWatch(self, self._params.watch_nodes, self._params.watch_timeout)
         self._actuators = Actuators(
             self, self._feed, self._params.base_frame, guard, self._params.service_timeout
         )
-        self._inputs = InputLog(self, self._params.base_frame)
-        self._events = self.create_publisher(PolicyEvent, "policy/events", qos.EVENT)
+        self._events = EventLog(self, self._params.base_frame)
+        self._decisions = self.create_publisher(PolicyDecision, "policy/decisions", qos.EVENT)
         guard.subscribe(PointCloud2, "object_cloud", self._on_cloud, qos.IMAGE)
         guard.subscribe(SuctionState, "suction/state", self._on_suction, qos.STATE)
         guard.serve(Trigger, "policy/start", self._on_start)
@@ -105,7 +105,7 @@ class PolicyNode(Node):
             self._busy = False
 
     def _advance(self, event: Event) -> None:
-        event, now = self._inputs.note(event)
+        event, now = self._events.note(event)
         self._state, commands = advance(self._state, event, now, self._params)
         wait = waiting(self._state, self._params)
         if commands or wait != self._wait:
@@ -115,7 +115,7 @@ class PolicyNode(Node):
 
     def _carry_out(self, command: Command) -> None:
         if isinstance(command, Decision):
-            self._events.publish(to_event_message(command, self._params.base_frame))
+            self._decisions.publish(to_decision_message(command, self._params.base_frame))
             log = self.get_logger()
             tell = log.debug if command.decision == "resample" else log.info
             tell(f"{command.state}: {command.decision}: {command.reason}")
@@ -166,7 +166,7 @@ class PolicyNode(Node):
         return response
 
     def _missing(self) -> list[str]:
-        """What cannot be relied on now, in words."""
+        """Inputs and peers that are missing now, in words."""
         # Without the growing age of a silence: what is said changes only with what is missing.
         peers = [f"{name} ({why.split(' for ')[0]})" for name, why in self._peers.missing().items()]
         return peers or self._actuators.missing()
@@ -192,7 +192,7 @@ class PolicyNode(Node):
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the node until it is told to stop."""
+    """Run the node until it is stopped."""
     return run_node(PolicyNode, args)
 
 

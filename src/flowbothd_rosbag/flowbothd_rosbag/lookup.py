@@ -12,7 +12,7 @@ from flowbothd_rosbag.reader import Bag
 T = TypeVar("T")
 
 _OURS = "flowbothd_interfaces/msg/"
-_MARKS = ("policy/events", "policy/inputs", "flow/prediction", "motion/result", "suction/state")
+_MARKS = ("policy/decisions", "policy/events", "flow/prediction", "motion/result", "suction/state")
 """Topics that only a graph of this project has; what is before them is its namespace."""
 
 
@@ -55,7 +55,7 @@ def topic_called(bag: Bag, name: str, kind: str = "") -> str | None:
 
     Args:
         bag: The recording.
-        name: Relative, such as ``policy/events``.
+        name: Relative, such as ``policy/decisions``.
         kind: Its type; a topic of another one is somebody else's. Empty = any.
 
     Raises:

@@ -13,7 +13,7 @@ from flowbothd_rosbag.metadata import BagError, Topic
 from flowbothd_rosbag.reader import Bag
 from flowbothd_rosbag.writer import BagWriter
 
-EVENTS = ("policy/events", "flowbothd_interfaces/msg/PolicyEvent")
+DECISIONS = ("policy/decisions", "flowbothd_interfaces/msg/PolicyDecision")
 JOINTS = ("joint_states", "sensor_msgs/msg/JointState")
 
 
@@ -34,38 +34,38 @@ def below(namespace: str, *topics: tuple[str, str]) -> list[tuple[str, str]]:
 def test_topics_are_found_wherever_the_graph_lived(tmp_path: Path, namespace: str):
     """A gripper's joint states were taken for a second arm's, and the recording refused."""
     gripper = below(f"{namespace}/gripper", JOINTS)
-    bag = Bag(recording(tmp_path, *below(namespace, EVENTS, JOINTS), *gripper))
+    bag = Bag(recording(tmp_path, *below(namespace, DECISIONS, JOINTS), *gripper))
     assert graph_namespace(bag) == namespace
     assert topic_called(bag, *JOINTS) == f"{namespace}/joint_states"
-    assert topic_called(bag, *EVENTS) == f"{namespace}/policy/events"
-    assert topic_called(bag, "policy/events", "std_msgs/msg/String") is None
+    assert topic_called(bag, *DECISIONS) == f"{namespace}/policy/decisions"
+    assert topic_called(bag, "policy/decisions", "std_msgs/msg/String") is None
     assert topic_called(bag, "sim/state") is None
 
 
 def test_what_a_driver_publishes_outside_the_namespace_is_found_too(tmp_path: Path):
-    bag = Bag(recording(tmp_path, *below("/left", EVENTS), *below("", JOINTS)))
+    bag = Bag(recording(tmp_path, *below("/left", DECISIONS), *below("", JOINTS)))
     assert topic_called(bag, *JOINTS) == "/joint_states"
 
 
 def test_of_two_graphs_one_has_to_be_chosen(tmp_path: Path):
     path = recording(
         tmp_path,
-        *below("/left", EVENTS, JOINTS),
-        *below("/right", EVENTS, ("sim/state", "flowbothd_interfaces/msg/SimState")),
+        *below("/left", DECISIONS, JOINTS),
+        *below("/right", DECISIONS, ("sim/state", "flowbothd_interfaces/msg/SimState")),
     )
     with pytest.raises(BagError, match=r"several graphs; got /left, /right; .*--namespace /right"):
-        topic_called(Bag(path), *EVENTS)
+        topic_called(Bag(path), *DECISIONS)
     for given in ("left", "/left", "left/"):
-        assert topic_called(Bag(path, given), *EVENTS) == "/left/policy/events"
+        assert topic_called(Bag(path, given), *DECISIONS) == "/left/policy/decisions"
     assert topic_called(Bag(path, "left"), "sim/state") is None, "that is the right one's"
     assert topic_called(Bag(path, "right"), "sim/state") == "/right/sim/state"
     with pytest.raises(BagError, match="got /middle; allowed: /left, /right"):
-        topic_called(Bag(path, "middle"), *EVENTS)
+        topic_called(Bag(path, "middle"), *DECISIONS)
 
 
 def test_a_graph_in_the_root_can_be_chosen(tmp_path: Path):
-    bag = Bag(recording(tmp_path, *below("", EVENTS), *below("/left", EVENTS, JOINTS)), "/")
-    assert topic_called(bag, *EVENTS) == "/policy/events"
+    bag = Bag(recording(tmp_path, *below("", DECISIONS), *below("/left", DECISIONS, JOINTS)), "/")
+    assert topic_called(bag, *DECISIONS) == "/policy/decisions"
     assert topic_called(bag, *JOINTS) is None
 
 
@@ -79,7 +79,7 @@ def test_without_a_graph_of_ours_two_topics_of_one_name_are_an_error(tmp_path: P
 def test_values_are_those_of_the_graph_s_nodes(tmp_path: Path):
     """Of two perception_nodes the one that came last gave the camera's pose for both."""
     values = {"left/perception_node": 1, "right/perception_node": 2, "talker": 3}
-    path = recording(tmp_path, *below("/left", EVENTS), *below("/right", EVENTS))
+    path = recording(tmp_path, *below("/left", DECISIONS), *below("/right", DECISIONS))
     assert by_node(Bag(path, "left"), values) == {"perception_node": 1, "talker": 3}
     assert by_node(Bag(path, "/right"), values) == {"perception_node": 2, "talker": 3}
     with pytest.raises(BagError, match="/left, /right"):

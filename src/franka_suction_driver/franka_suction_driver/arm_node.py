@@ -27,9 +27,9 @@ from franka_suction_driver.arm.limits import robot_limits
 from franka_suction_driver.arm.limits_text import arm_limits
 from franka_suction_driver.backend_params import ArmNodeParams
 from franka_suction_driver.backends.connection import Connection
+from franka_suction_driver.backends.mock import MockLibrary, MockRobot
 from franka_suction_driver.backends.panda import PandaArm
 from franka_suction_driver.backends.protocol import NOTHING_TO_RECOVER, ArmBackend, ArmState
-from franka_suction_driver.backends.recording import RecordingLibrary, RecordingRobot
 from franka_suction_driver.backends.topic_ros import TopicArm
 from franka_suction_driver.params import MotionParams
 
@@ -85,12 +85,12 @@ class ArmNode(Node):
         if params.backend == "panda":
             tolerance = params.start_tolerance
             return PandaArm(kinematics, limits, params.panda, start_tolerance=tolerance)
-        robot = RecordingRobot(params.robot.start_positions)
+        robot = MockRobot(params.robot.start_positions)
         robot.fk = kinematics.pose
         # A wrench of exact zeros would mean a singularity.
         robot.wrench[2] = 1e-6
-        address = replace(params.panda, robot_ip=params.panda.robot_ip or "recording")
-        library = RecordingLibrary(robot)
+        address = replace(params.panda, robot_ip=params.panda.robot_ip or "mock")
+        library = MockLibrary(robot)
         tolerance = params.start_tolerance
         return PandaArm(kinematics, limits, address, library=library, start_tolerance=tolerance)
 

@@ -82,7 +82,7 @@ class MotionNode(Node):
 
     def _on_timer(self) -> None:
         stale = self._inputs.stale(guarded=False)
-        latched = self._core.latched and f"stopped until motion/release: {self._core.latched}"
+        latched = self._core.latched and f"stopped until motion/clear_stop: {self._core.latched}"
         trouble = stale or latched
         level = ERROR if trouble else OK
         self._status.report(level, trouble or "ready to move", {"moving": self._runner.busy})

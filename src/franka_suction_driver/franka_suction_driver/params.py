@@ -41,13 +41,13 @@ class PlanningParams:
     resolution: float = parameter(
         0.04, "Joint distance between two collision checks [rad]", minimum=0.005, maximum=0.2
     )
-    continuation: float = parameter(
+    lookahead: float = parameter(
         0.18, "Opening that should stay reachable beyond the contact [m]", minimum=0.0
     )
     tilt_slack: float = parameter(
         0.26, "Tilt of the tool against the flow accepted to reach further [rad]", minimum=0.0
     )
-    least_push: float = parameter(
+    min_push_fraction: float = parameter(
         0.4,
         "Part of the opening that must be reachable before the opposite side is taken",
         minimum=0.0,
@@ -161,7 +161,7 @@ class SafetyParams:
         "it does not follow [rad]",
         minimum=0.01,
     )
-    slow_conditioning: float = parameter(
+    slow_singular_value: float = parameter(
         0.08,
         "Smallest singular value of the tool's Jacobian below which the tool slows down, in "
         "proportion; 0 = never [m/rad]",

@@ -18,8 +18,8 @@ from flowbothd_interfaces.msg import SuctionCommand, SuctionMeasurement
 from franka_suction_driver.backend_params import PumpNodeParams
 from franka_suction_driver.backends.cobot_pump import CobotPump
 from franka_suction_driver.backends.connection import Connection
+from franka_suction_driver.backends.mock import MockLibrary
 from franka_suction_driver.backends.protocol import PumpBackend
-from franka_suction_driver.backends.recording import RecordingLibrary
 
 _RETRY = 5.0
 
@@ -72,7 +72,7 @@ class PumpNode(Node):
             return
         fault = self._refused or reading.fault
         message = SuctionMeasurement(
-            pressure=float(reading.pressure),
+            vacuum=float(reading.vacuum),
             in_control_range=reading.in_control_range,
             part_present=reading.part_present,
             part_detached=reading.part_detached,
@@ -85,9 +85,9 @@ class PumpNode(Node):
 
 
 def _backend(params: PumpNodeParams) -> PumpBackend:
-    if params.backend == "recording":
-        address = params.robot_ip or "recording"
-        return CobotPump(replace(params, robot_ip=address), library=RecordingLibrary())
+    if params.backend == "mock":
+        address = params.robot_ip or "mock"
+        return CobotPump(replace(params, robot_ip=address), library=MockLibrary())
     return CobotPump(params)
 
 

@@ -1,4 +1,4 @@
-"""The safety envelope's face to ROS: halt and release, what a dry run shows, the audit log."""
+"""The safety envelope's face to ROS: halt and clear_stop, what a dry run shows, the audit log."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def open_audit(params: SafetyParams) -> AuditLog | None:
 
 
 class SafetyServices:
-    """Services `motion/stop`, `motion/halt`, `motion/release`; topic `motion/planned`.
+    """Services `motion/stop`, `motion/halt`, `motion/clear_stop`; topic `motion/planned`.
 
     Args:
         node: Serves on it.
@@ -46,7 +46,7 @@ class SafetyServices:
         self._planned = node.create_publisher(JointTrajectoryMessage, "motion/planned", qos.LATCHED)
         guard.serve(Trigger, "motion/stop", self._on_stop)
         guard.serve(Trigger, "motion/halt", self._on_halt)
-        guard.serve(Trigger, "motion/release", self._on_release)
+        guard.serve(Trigger, "motion/clear_stop", self._on_clear_stop)
 
     def show(self, trajectory: JointTrajectory) -> None:
         """Publish what a dry run would have sent."""
@@ -64,13 +64,13 @@ class SafetyServices:
     def _on_halt(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         why = "halted by the halt service"
         self._core.halt(why, self._now())
-        self._stop(f"{why}; latched until motion/release")
+        self._stop(f"{why}; latched until motion/clear_stop")
         response.success = True
-        response.message = "halted; nothing moves until motion/release"
+        response.message = "halted; nothing moves until motion/clear_stop"
         return response
 
-    def _on_release(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        why = self._core.release(self._now())
+    def _on_clear_stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        why = self._core.clear_stop(self._now())
         response.success = True
-        response.message = f"released from: {why}" if why else "nothing was latched"
+        response.message = f"cleared: {why}" if why else "nothing was latched"
         return response

@@ -15,8 +15,8 @@ from franka_suction_driver.arm.kinematics import Kinematics, make_kinematics
 from franka_suction_driver.arm.limits import JointLimits, limits_from
 from franka_suction_driver.arm.trajectory import JointState, joint_move, state_at
 from franka_suction_driver.backend_params import PandaParams
+from franka_suction_driver.backends.mock import MockLibrary, MockRobot
 from franka_suction_driver.backends.panda import PandaArm
-from franka_suction_driver.backends.recording import RecordingLibrary, RecordingRobot
 from franka_suction_driver.execution.executor import MotionExecutor
 from franka_suction_driver.params import MotionParams
 
@@ -38,7 +38,7 @@ def motion_params() -> MotionParams:
         "workspace_max": (5.0,) * 3,
         "force_limit": 1e4,
         "lag_limit": 1.0,
-        "slow_conditioning": 0.0,
+        "slow_singular_value": 0.0,
         "slow_margin": 0.0,
     }
     return build(MotionParams, {f"safety.{name}": value for name, value in safety.items()})
@@ -132,8 +132,8 @@ class PandaLab:
     def __init__(self, robot: Kinematics, limits: JointLimits, params: PandaParams) -> None:
         self.time = 100.0
         self.limits, self.names = limits, robot.joint_names
-        self.robot = RecordingRobot()
-        self.library = RecordingLibrary(self.robot, clock=lambda: self.time, sleep=self.sleep)
+        self.robot = MockRobot()
+        self.library = MockLibrary(self.robot, clock=lambda: self.time, sleep=self.sleep)
         self.arm = PandaArm(
             robot,
             limits,

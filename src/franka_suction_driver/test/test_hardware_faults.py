@@ -63,11 +63,11 @@ def trajectory(start: np.ndarray, by: float, limits: Any, names: Any) -> Any:
 
 @pytest.fixture
 def bench(ros: Any) -> Any:
-    """arm_node over the recording robot, before it has connected."""
+    """arm_node over the mock robot, before it has connected."""
     from franka_suction_driver.arm_node import ArmNode
 
     operator = ros.add(make_operator())
-    node = ros.add(ArmNode, backend="recording", heartbeat_timeout=0.5)
+    node = ros.add(ArmNode, backend="mock", heartbeat_timeout=0.5)
     ros.until(lambda: operator.trajectory.get_subscription_count() > 0, "the reader")
     return operator, node, node._backend._library.robot
 
@@ -87,10 +87,10 @@ def test_a_robot_that_starts_in_a_reflex_is_seen_and_recovered(ros: Any, limits:
     from std_srvs.srv import Trigger
 
     from franka_suction_driver.arm_node import ArmNode
-    from franka_suction_driver.backends.recording_modes import RobotMode
+    from franka_suction_driver.backends.mock_modes import RobotMode
 
     operator = ros.add(make_operator())
-    node = ros.add(ArmNode, backend="recording", heartbeat_timeout=0.5)
+    node = ros.add(ArmNode, backend="mock", heartbeat_timeout=0.5)
     robot = node._backend._library.robot
     robot.mode, robot.errors = RobotMode.kReflex, {"joint_reflex"}
     ros.until(lambda: operator.hears("joint_reflex"), "the state of the robot")
@@ -193,12 +193,12 @@ def test_a_pump_that_cannot_be_reached_and_reports_nothing_usable_ends_no_node(r
     seen: list[Any] = []
     operator.create_subscription(SuctionMeasurement, "suction/measurement", seen.append, qos.STATE)
     command = operator.create_publisher(SuctionCommand, "suction/command", qos.COMMAND)
-    pump = ros.add(PumpNode, backend="recording", poll_rate=50.0)
+    pump = ros.add(PumpNode, backend="mock", poll_rate=50.0)
     robot = pump._pump._library.robot
     ros.until(lambda: bool(seen) and not seen[-1].fault, "a measurement")
     robot.pump.reported = float("nan")
     ros.until(lambda: seen[-1].fault and "no measurement" in seen[-1].fault_message, "the fault")
-    assert np.isfinite(seen[-1].pressure)
+    assert np.isfinite(seen[-1].vacuum)
     robot.pump.reported = None
     ros.until(lambda: not seen[-1].fault, "measurements again")
     ros.until(lambda: command.get_subscription_count() > 0, "the command's reader")

@@ -1,4 +1,4 @@
-"""The panda backend against a recording stand-in with the real library's semantics.
+"""The panda backend against a mock with the real library's semantics.
 
 Each trap that facts about the hardware tell of has a test here whose docstring tells it.
 """
@@ -21,10 +21,10 @@ from franka_suction_driver.arm.limits import JointLimits
 from franka_suction_driver.arm.trajectory import JointState, joint_move
 from franka_suction_driver.backend_params import PandaParams
 from franka_suction_driver.backends.library import INSTALL, load_panda_py
+from franka_suction_driver.backends.mock import START, MockLibrary, MockRobot
+from franka_suction_driver.backends.mock_modes import RobotMode
 from franka_suction_driver.backends.panda import PandaArm
 from franka_suction_driver.backends.protocol import BackendError
-from franka_suction_driver.backends.recording import START, RecordingLibrary, RecordingRobot
-from franka_suction_driver.backends.recording_modes import RobotMode
 from franka_suction_driver.params import FlowStepParams, ProbeParams
 
 PARAMS = PandaParams(robot_ip="172.16.0.2")
@@ -277,7 +277,7 @@ def test_our_tip_is_not_the_hand_that_panda_python_assumes(robot: Kinematics) ->
     hand = tip.position - tip.axis * (0.16 - 0.103)
     assert np.linalg.norm(tip.position - hand) == pytest.approx(0.057)
     # A wrong end effector in Desk moves what the robot says, and nothing of ours.
-    lab_robot = RecordingRobot()
+    lab_robot = MockRobot()
     lab_robot.tip[:3, 3] = hand
     assert not np.allclose(lab_robot.tip[:3, 3], tip.position, atol=0.05)
 
@@ -301,8 +301,8 @@ def test_closing_brakes_and_stops_the_controller_and_may_be_repeated(lab: Any) -
 
 def test_the_feeding_thread_runs_and_ends(robot: Kinematics, limits: JointLimits) -> None:
     """In real time, as with a robot: the thread feeds, and nothing of it is left after closing."""
-    bench = RecordingRobot()
-    arm = PandaArm(robot, limits, PARAMS, library=RecordingLibrary(bench))
+    bench = MockRobot()
+    arm = PandaArm(robot, limits, PARAMS, library=MockLibrary(bench))
     arm.connect()
     goal = bench.q + 0.02
     assert (

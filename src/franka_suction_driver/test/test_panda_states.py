@@ -15,9 +15,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from franka_suction_driver.backends.mock import IncompatibleVersionError
+from franka_suction_driver.backends.mock_modes import RobotMode
 from franka_suction_driver.backends.protocol import NOTHING_TO_RECOVER, BackendError
-from franka_suction_driver.backends.recording import IncompatibleVersionError
-from franka_suction_driver.backends.recording_modes import RobotMode
 
 STATES = {
     "reflex": (RobotMode.kReflex, {"cartesian_reflex"}, "cartesian_reflex"),

@@ -206,10 +206,10 @@ class Bench:
         if name == "approach":
             goal.contact.x, goal.contact.y, goal.contact.z = 0.5, 0.1, 0.3
             goal.direction.x = -1.0
-        if hasattr(goal, "arc"):
+        if hasattr(goal, "joint"):
             # A hinge that opens upwards, behind the contact.
-            goal.arc.kind = goal.arc.ARC
-            goal.arc.point.x, goal.arc.point.z, goal.arc.axis.y = 0.7, 0.1, 1.0
+            goal.joint.kind = goal.joint.REVOLUTE
+            goal.joint.point.x, goal.joint.point.z, goal.joint.axis.y = 0.7, 0.1, 1.0
         return goal
 
     def start(self, name: str) -> Any:

@@ -70,7 +70,7 @@ class BridgeNode(Node):
         serve(GroundTruthFlow, "sim/ground_truth_flow", self._on_ground_truth)
 
     def _on_failure(self, _: str) -> None:
-        """Hold the arm: what the world was told last may be what broke it."""
+        """Hold the arm: the last command may be what broke the world."""
         if self._session is not None:
             self._session.world.hold()
 

@@ -24,7 +24,7 @@ from flowbothd.doctor.doctor_checks import (
 from flowbothd.doctor.doctor_ear import Ear
 from flowbothd.doctor.doctor_host import check_host
 from flowbothd.doctor.doctor_touch import ASK, Felt, WrenchSample, feel, judge_touch, not_asked
-from flowbothd.up_real import add_real_arguments, real_options
+from flowbothd.up_robot import add_robot_arguments, robot_options
 from flowbothd_bringup.robot_graph import NODES, given_parameters, missing_parameters
 from flowbothd_common.environment import node_environment
 from flowbothd_common.errors import FlowBotError
@@ -41,7 +41,7 @@ _GLANCE = 0.5
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
     """Arguments of `flowbothd doctor`."""
-    add_real_arguments(parser)
+    add_robot_arguments(parser)
     parser.add_argument(
         "--listen", type=float, default=4.0, help="seconds to listen (default: %(default)s)"
     )
@@ -55,7 +55,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Look, listen, print the list; 0 if nothing is red."""
     os.environ.update(node_environment(arguments.domain))
-    parameters = given_parameters(real_options(arguments))
+    parameters = given_parameters(robot_options(arguments))
     arm = parameters["arm_node"]
     checks = check_host(arm["backend"], str(arm.get("panda.robot_ip", "")))
     checks.append(judge_calibration(parameters, missing_parameters(parameters)))
@@ -113,7 +113,7 @@ def _hear(ear: Ear, seconds: float) -> None:
 def _judged(ear: Ear, parameters: Parameters) -> list[Check]:
     heard = ear.heard
     camera = "start the camera's driver, with its topics remapped to depth/... (docs)"
-    driver = "start `flowbothd up real`; is the robot reachable?"
+    driver = "start `flowbothd up robot`; is the robot reachable?"
     return [
         judge_rate("camera, depth/image_raw", heard["depth/image_raw"], 4.0, camera),
         judge_rate("camera, depth/camera_info", heard["depth/camera_info"], 4.0, camera),

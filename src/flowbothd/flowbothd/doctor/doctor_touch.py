@@ -38,7 +38,7 @@ class WrenchSample:
 
 
 class Felt(StrEnum):
-    """What a touch looked like."""
+    """Measurements during a touch."""
 
     UP = "up"
     DOWN = "down"
@@ -135,7 +135,7 @@ def judge_touch(touch: Touch, base_frame: str, sign: float) -> Check:
 
 
 def not_asked() -> Check:
-    """Say that nobody was asked to touch the arm."""
+    """Report that the touch was not requested."""
     return Check(NAME, Light.SKIPPED, "not asked for", "--touch asks for a touch and checks it")
 
 

@@ -66,7 +66,7 @@ class _ReplayedPerception(PerceptionNode):
 
 @dataclass(frozen=True)
 class Perceived:
-    """What the node put out again.
+    """Recomputed output of the node.
 
     Attributes:
         clouds: (N, 3) object clouds by stamp of the frame.
@@ -150,7 +150,7 @@ def _overrides(story: Story) -> list[Parameter]:
 
 
 def _inputs(node: _ReplayedPerception, bag: Bag) -> Mapping[str, Callable[[Any], None]]:
-    """What the node does with a message, for every topic of the recording that it listens to."""
+    """Callback of the node for every recorded topic that it subscribes to."""
     heard = [s for s in node.subscriptions if s.topic_name not in ("/parameter_events", "/clock")]
     names = {
         s.topic_name: topic_called(bag, s.topic_name.lstrip("/"), type_of(s.msg_type))

@@ -1,4 +1,4 @@
-"""`flowbothd replay`: a recording played to nodes, or nodes computed anew and compared."""
+"""`flowbothd replay`: a recording played to nodes, or recomputed and compared."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--to", dest="end", type=float, default=None, metavar="SECONDS", help="end there"
     )
-    parser.add_argument("--loop", action="store_true", help="begin anew at the end")
+    parser.add_argument("--loop", action="store_true", help="start over at the end")
     parser.add_argument(
         "--exclude", default="", metavar="REGEX", help="leave out topics that match"
     )
@@ -45,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     how.add_argument(
         "--open-loop",
         action="store_true",
-        help="play everything as it was, to whoever listens; the default",
+        help="play everything as it was recorded; the default",
     )
     how.add_argument(
         "--nodes",

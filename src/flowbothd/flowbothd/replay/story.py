@@ -1,4 +1,4 @@
-"""What a recording tells of a run: inputs, decisions, clouds, predictions, parameters."""
+"""Content of a recording: events, decisions, clouds, predictions, parameters."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from flowbothd_rosbag.metadata import BagError
 from flowbothd_rosbag.reader import Bag, Message, Span
 from flowbothd_rosbag.types_ros import message_class
 
-INPUTS, EVENTS = "policy/inputs", "policy/events"
+EVENTS, DECISIONS = "policy/events", "policy/decisions"
 CLOUD, PREDICTION = "object_cloud", "flow/prediction"
 TRUTH = "sim/ground_truth_flow/_service_event"
 
@@ -63,8 +63,8 @@ class Story:
     """The part of a recording that the policy's decisions depend on.
 
     Attributes:
-        inputs: PolicyInput messages, in order.
         events: PolicyEvent messages, in order.
+        decisions: PolicyDecision messages, in order.
         clouds: (N, 3) object clouds by stamp.
         predictions: FlowPrediction messages by stamp of the cloud and seed, in order.
         truths: The simulation's answers by stamp of the cloud.
@@ -72,8 +72,8 @@ class Story:
         weights: What the recorder knew of the weights, by node.
     """
 
-    inputs: list[Any] = field(default_factory=list)
     events: list[Any] = field(default_factory=list)
+    decisions: list[Any] = field(default_factory=list)
     clouds: dict[Stamp, Cloud] = field(default_factory=dict)
     predictions: dict[tuple[Stamp, int], list[Any]] = field(
         default_factory=lambda: defaultdict(list)
@@ -103,8 +103,8 @@ def read_story(bag: Bag, span: Span | None = None) -> Story:
     story = Story()
     ours = "flowbothd_interfaces"
     takers: dict[tuple[str, str], Callable[[Any], None]] = {
-        (INPUTS, f"{ours}/msg/PolicyInput"): story.inputs.append,
         (EVENTS, f"{ours}/msg/PolicyEvent"): story.events.append,
+        (DECISIONS, f"{ours}/msg/PolicyDecision"): story.decisions.append,
         (CLOUD, "sensor_msgs/msg/PointCloud2"): lambda m: story.clouds.update(
             {key(m.header.stamp): _points(m)}
         ),
@@ -118,7 +118,7 @@ def read_story(bag: Bag, span: Span | None = None) -> Story:
     for message in bag.messages(names, span):
         names[message.topic](decoded(bag, message))
     # Two threads of the recorder's middleware may have swapped neighbours; the numbers say how.
-    story.inputs.sort(key=lambda m: m.sequence)
+    story.events.sort(key=lambda m: m.sequence)
     story.parameters = stored_parameters(bag)
     story.weights = stored_weights(bag)
     return story

@@ -74,7 +74,7 @@ def record_of(bag: Bag) -> RunRecord:
     record.wall_s = (times[-1] - times[0]) * 1e-9 if times else 0.0
     if not record.decisions:
         raise BagError(
-            f"{bag.path} holds no policy/events", hint="a report tells of the policy's decisions"
+            f"{bag.path} holds no policy/decisions", hint="a report tells of the policy's decisions"
         )
     return record
 

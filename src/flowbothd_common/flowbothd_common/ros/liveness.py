@@ -71,7 +71,7 @@ class MotionHeartbeat:
         self._thread.start()
 
     def close(self) -> None:
-        """Stop beating; whoever moves the arm then holds."""
+        """Stop beating; the driver of the arm then holds it."""
         self._stop.set()
         self._thread.join(timeout=2.0)
 
@@ -174,7 +174,7 @@ class PeerWatch:
         return self._silence.silent(self._peers)
 
     def ever_heard(self, name: str) -> bool:
-        """Whether the node has been heard at all."""
+        """Return True if the node has been heard at least once."""
         return name in self._detail
 
     def missing(self) -> dict[str, str]:

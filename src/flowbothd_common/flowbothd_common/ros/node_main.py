@@ -34,7 +34,7 @@ def run_node(
     threads: int = 1,
     strict_files: bool = False,
 ) -> int:
-    """Create a node, spin it until it is told to stop, and clean up.
+    """Create a node, spin it until it is stopped, and clean up.
 
     Args:
         create: Makes the node; raises FlowBotError on bad parameters.

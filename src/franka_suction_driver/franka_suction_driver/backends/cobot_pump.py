@@ -95,7 +95,7 @@ class CobotPump:
             self._library = load_panda_py()
         address = self._params.robot_ip
         if not address:
-            raise BackendError("no robot address", hint="set robot_ip, or `up real --robot`")
+            raise BackendError("no robot address", hint="set robot_ip, or `up robot --robot`")
         self._gripper = self._open()
         for name, work in (("pump_commands", self._obey), ("pump_state", self._poll)):
             self._threads.append(threading.Thread(target=work, name=name, daemon=True))
@@ -214,15 +214,15 @@ class CobotPump:
 
     def _read(self, gripper: Any) -> SuctionReading:
         state = gripper.read_once()
-        pressure = _PASCAL_PER_MBAR * float(state.vacuum)
-        if not math.isfinite(pressure):
+        vacuum = _PASCAL_PER_MBAR * float(state.vacuum)
+        if not math.isfinite(vacuum):
             return SuctionReading(
                 fault=f"the pump reports a vacuum of {state.vacuum} mbar, which is no measurement: "
                 "restart the pump"
             )
         red = str(state.device_status).endswith("kRed")
         return SuctionReading(
-            pressure,
+            vacuum,
             bool(state.part_present),
             bool(state.part_detached),
             "the pump reports a device error (red): see its display" if red else self._trouble,

@@ -96,7 +96,7 @@ def connection_problem(library: Any, address: str, error: BaseException) -> Back
         wanted = getattr(error, "libfranka_version", None) or "see the message"
         return BackendError(
             f"the robot at {address} speaks another protocol: {error}",
-            hint=f"install the panda-python build for libfranka {wanted} (docs/real_robot.md)",
+            hint=f"install panda-python for libfranka {wanted} (docs/tutorials/own_robot.md)",
         )
     text = str(error)
     if "FCI" in text:

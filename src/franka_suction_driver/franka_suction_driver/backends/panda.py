@@ -215,7 +215,7 @@ class PandaArm:
         if self._library is None:
             self._library = load_panda_py()
         if not self._params.robot_ip:
-            raise BackendError("no robot address", hint="set panda.robot_ip, or `up real --robot`")
+            raise BackendError("no robot address", hint="set panda.robot_ip, or `up robot --robot`")
         return PandaLink(self._library, self._params.robot_ip)
 
     def _begin(self, link: PandaLink) -> None:

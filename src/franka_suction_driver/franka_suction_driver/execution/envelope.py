@@ -39,7 +39,7 @@ class Envelope:
 
     @property
     def latched(self) -> str:
-        """Why nothing may move until `release`; empty if it may."""
+        """Why nothing may move until `clear_stop`; empty if it may."""
         return self._latched
 
     def restart(self) -> None:
@@ -47,10 +47,10 @@ class Envelope:
         self._lag.restart()
 
     def latch(self, why: str) -> None:
-        """Let nothing move until `release`; the first reason is kept."""
+        """Let nothing move until `clear_stop`; the first reason is kept."""
         self._latched = self._latched or why
 
-    def release(self) -> str:
+    def clear_stop(self) -> str:
         """Let motion begin again; returns what had stopped it, empty if nothing had."""
         why, self._latched = self._latched, ""
         return why
@@ -64,7 +64,7 @@ class Envelope:
         if self._latched:
             raise MotionRejectedError(
                 f"the stop is latched: {self._latched}",
-                hint="make sure that the arm may move, then call motion/release",
+                hint="make sure that the arm may move, then call motion/clear_stop",
             )
         if self._box is None or goal.contact is None:
             return
@@ -116,7 +116,7 @@ class Envelope:
         if not force <= params.force_limit:
             message = (
                 f"{force:.0f} N on the tool (safety.force_limit {params.force_limit:.0f} N): look "
-                "what it touches, free it, then call motion/release"
+                "what it touches, free it, then call motion/clear_stop"
             )
             self.latch(message)
             return Ending(MotionReason.FORCE_LIMIT, message, True)

@@ -89,7 +89,7 @@ class MotionExecutor:
             table_height=params.collision.table_height,
             workspace=workspace(params.safety),
         )
-        zones = SlowZones(params.safety.slow_conditioning, params.safety.slow_margin)
+        zones = SlowZones(params.safety.slow_singular_value, params.safety.slow_margin)
         follower = ToolFollower(robot, self.limits, box, params.planning.tilt_slack, zones)
         self._factory = MotionFactory(robot, self.limits, follower, bare, params)
         self._seed = params.seed if seed is None else seed
@@ -164,7 +164,7 @@ class MotionExecutor:
         if checked.kind is MotionKind.APPROACH:
             contact, direction = checked.contact, checked.direction
             if contact is not None and direction is not None:
-                planned = self._planner.approach(start, contact, direction, checked.arc, rng)
+                planned = self._planner.approach(start, contact, direction, checked.joint, rng)
                 self._held.approached(checked, self._planner.collision.points)
         elif checked.kind is MotionKind.RETREAT:
             planned = self._plan_retreat(start, rng)
@@ -285,19 +285,19 @@ class MotionExecutor:
 
     @property
     def latched(self) -> str:
-        """Why nothing may move until `release`; empty if it may."""
+        """Why nothing may move until `clear_stop`; empty if it may."""
         return self._envelope.latched
 
     def halt(self, why: str, now: float) -> bool:
-        """Stop, and let nothing move until `release`; whether something was moving."""
+        """Stop, and let nothing move until `clear_stop`; whether something was moving."""
         self._envelope.latch(why)
         self._audit.write("halt", now, {"why": why})
-        return self.stop(MotionReason.STOPPED, f"{why}; latched until motion/release")
+        return self.stop(MotionReason.STOPPED, f"{why}; latched until motion/clear_stop")
 
-    def release(self, now: float) -> str:
+    def clear_stop(self, now: float) -> str:
         """Let motion begin again; returns what had stopped it, empty if nothing had."""
-        why = self._envelope.release()
-        self._audit.write("release", now, {"why": why})
+        why = self._envelope.clear_stop()
+        self._audit.write("clear_stop", now, {"why": why})
         return why
 
     def abandon(self, observation: RobotObservation) -> MotionResult:

@@ -108,12 +108,12 @@ class SuctionMachine:
         if self._reading.fault:
             return f"pump fault: {self._reading.fault}"
         releasing = self._vacuum == 0 and self._ever_heard
-        # Written so that a pressure that is not finite counts as held.
-        vented = self._reading.pressure <= params.release_pressure
+        # Written so that a vacuum that is not finite counts as held.
+        vented = self._reading.vacuum <= params.release_pressure
         held = self._reading.part_present or not vented
         if releasing and held and now - self._commanded > params.release_timeout:
             return (
                 f"the part is not released {now - self._commanded:.1f} s after switching off "
-                f"({self._reading.pressure:.0f} Pa left); do not retreat with it"
+                f"({self._reading.vacuum:.0f} Pa left); do not retreat with it"
             )
         return ""

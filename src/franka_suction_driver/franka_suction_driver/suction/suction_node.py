@@ -23,7 +23,7 @@ from franka_suction_driver.suction_params import SuctionParams
 
 _PERIOD = 0.05
 _REPEAT = 0.5
-_PRESSURES = (-1.0e4, 1.2e5)
+_VACUUM_RANGE = (-1.0e4, 1.2e5)
 """Vacuum below ambient that a gauge can show: a little below zero, a little above all air [Pa]."""
 _CODES = {
     SuctionPhase.OFF: SuctionState.OFF,
@@ -74,8 +74,8 @@ class SuctionNode(Node):
 
     def _on_measurement(self, message: SuctionMeasurement) -> None:
         fault = message.fault_message or "unknown" if message.fault else ""
-        pressure = bounded("vacuum of the pump", message.pressure, *_PRESSURES, "Pa")
-        reading = SuctionReading(pressure, message.part_present, message.part_detached, fault)
+        vacuum = bounded("vacuum of the pump", message.vacuum, *_VACUUM_RANGE, "Pa")
+        reading = SuctionReading(vacuum, message.part_present, message.part_detached, fault)
         before = self._machine.status(time.monotonic()).phase
         self._machine.measure(reading, time.monotonic())
         status = self._machine.status(time.monotonic())
@@ -104,7 +104,7 @@ class SuctionNode(Node):
     def _publish(self, status: SuctionStatus) -> None:
         message = SuctionState(
             state=_CODES[status.phase],
-            pressure=float(status.reading.pressure),
+            vacuum=float(status.reading.vacuum),
             part_present=status.reading.part_present,
             part_detached=status.reading.part_detached or status.phase is SuctionPhase.LOST,
             fault=status.phase is SuctionPhase.FAULT,

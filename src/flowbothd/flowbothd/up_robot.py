@@ -1,4 +1,4 @@
-"""`flowbothd up real`: all nodes on a robot, until Ctrl-C."""
+"""`flowbothd up robot`: all nodes on a robot, until Ctrl-C."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from dataclasses import replace
 from pathlib import Path
 
 from flowbothd_bringup.processes import run_graph
-from flowbothd_bringup.robot_graph import RealOptions, robot_graph
+from flowbothd_bringup.robot_graph import RobotOptions, robot_graph
 from flowbothd_common.environment import node_environment
 from franka_suction_driver.backend_params import BACKENDS
 
 
-def add_real_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments that `up real` and `doctor` share."""
+def add_robot_arguments(parser: argparse.ArgumentParser) -> None:
+    """Arguments that `up robot` and `doctor` share."""
     parser.add_argument("--robot", default="", metavar="IP", help="address of the control unit")
     parser.add_argument(
         "--params",
@@ -29,23 +29,23 @@ def add_real_arguments(parser: argparse.ArgumentParser) -> None:
         "--backend",
         choices=BACKENDS,
         default="panda",
-        help="recording: everything runs, no hardware is touched (default: %(default)s)",
+        help="mock: everything runs, no hardware is touched (default: %(default)s)",
     )
     parser.add_argument("--domain", type=int, default=0, help="ROS domain (default: %(default)s)")
 
 
-def real_options(arguments: argparse.Namespace) -> RealOptions:
+def robot_options(arguments: argparse.Namespace) -> RobotOptions:
     """Options that the shared arguments ask for."""
-    return RealOptions(arguments.robot, arguments.backend, tuple(arguments.params))
+    return RobotOptions(arguments.robot, arguments.backend, tuple(arguments.params))
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:
-    """Arguments of `flowbothd up real`."""
-    add_real_arguments(parser)
+    """Arguments of `flowbothd up robot`."""
+    add_robot_arguments(parser)
     parser.add_argument(
         "--model",
         default="",
-        help="weights: name, folder or file (default: those of config/real.yaml)",
+        help="weights: name, folder or file (default: those of config/robot.yaml)",
     )
     parser.add_argument("--speed", type=float, default=None, help="part of all speeds, 0.01..1")
     parser.add_argument("--dry-run", action="store_true", help="plan and show, but never move")
@@ -60,7 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Run the graph until Ctrl-C."""
     options = replace(
-        real_options(arguments),
+        robot_options(arguments),
         model=arguments.model,
         speed=arguments.speed,
         dry_run=arguments.dry_run,
@@ -77,7 +77,7 @@ def run(arguments: argparse.Namespace) -> int:
             f"backend {options.backend}, speed {100 * float(motion['safety.speed_scale']):.0f} %"
             f"{', DRY RUN' if motion.get('safety.dry_run') else ''}; "
             "stop with motion/halt or the user stop; "
-            f"`flowbothd doctor --domain {arguments.domain}` tells what is missing; Ctrl-C ends.\n"
+            f"`flowbothd doctor --domain {arguments.domain}` lists what is missing; Ctrl-C ends.\n"
         )
         sys.stdout.flush()
         code = run_graph(graph.processes(file), environment)

@@ -1,6 +1,6 @@
-"""A recording stand-in for panda-python with the real one's semantics, traps included.
+"""Mock of panda-python with the real one's semantics, traps included.
 
-It serves the tests and rehearsals without a robot (`backend: recording`). Everything that the
+It serves the tests and rehearsals without a robot (`backend: mock`). Everything that the
 backends call is here, behaves as facts about the real library say, and is written to `calls`;
 reads and targets are not, since they come hundreds of times a second.
 """
@@ -18,13 +18,13 @@ from typing import Any
 import numpy as np
 
 from flowbothd_common.types import Array
-from franka_suction_driver.backends.recording_modes import (
+from franka_suction_driver.backends.mock_modes import (
     NO_ANSWER,
     TCP_LOST,
     UDP_LOST,
     RobotMode,
 )
-from franka_suction_driver.backends.recording_panda import JointPosition, Panda
+from franka_suction_driver.backends.mock_panda import JointPosition, Panda
 
 START = (0.0, -np.pi / 4, 0.0, -3 * np.pi / 4, 0.0, np.pi / 2, np.pi / 4)
 DeviceStatus = Enum("DeviceStatus", "kGreen kYellow kOrange kRed", start=0)
@@ -38,7 +38,7 @@ class IncompatibleVersionError(RuntimeError):
         self.libfranka_version = libfranka_version
 
 
-class RecordingRobot:
+class MockRobot:
     """The robot and its pump behind the library, for tests to push and to look at.
 
     Attributes:
@@ -172,18 +172,18 @@ class PumpState:
         return self.vacuum_mbar() > self.part_present_mbar
 
 
-class RecordingLibrary:
+class MockLibrary:
     """Stands for the module panda_py with one robot behind it."""
 
     IncompatibleVersionError = IncompatibleVersionError
 
     def __init__(
         self,
-        robot: RecordingRobot | None = None,
+        robot: MockRobot | None = None,
         clock: Callable[[], float] = time.monotonic,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
-        self.robot = robot or RecordingRobot()
+        self.robot = robot or MockRobot()
         robot = self.robot
         robot.clock = clock
         self.Panda = lambda hostname: Panda(robot, hostname, sleep)
@@ -201,7 +201,7 @@ class RecordingLibrary:
 class _VacuumGripper:
     """Its calls block as the real ones do; the set-point is in 10 mbar, the state in mbar."""
 
-    def __init__(self, robot: RecordingRobot, address: str, clock: Callable[[], float]) -> None:
+    def __init__(self, robot: MockRobot, address: str, clock: Callable[[], float]) -> None:
         robot.note("VacuumGripper", address)
         if robot.refusal is not None:
             raise robot.refusal

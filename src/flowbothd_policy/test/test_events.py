@@ -1,4 +1,4 @@
-"""What the policy takes is what its log says: every event survives the way through its message."""
+"""The policy processes what its log contains: every event survives conversion to a message."""
 
 from __future__ import annotations
 
@@ -60,13 +60,13 @@ def through_message(event, sights=None):
     from rclpy.serialization import deserialize_message, serialize_message
     from std_msgs.msg import Header
 
-    from flowbothd_interfaces.msg import PolicyInput
-    from flowbothd_policy.inputs_ros import from_input_message, to_input_message
+    from flowbothd_interfaces.msg import PolicyEvent
+    from flowbothd_policy.events_ros import from_event_message, to_event_message
 
-    message = to_input_message(event, Header(frame_id="base"), 7)
-    read = deserialize_message(serialize_message(message), PolicyInput)
+    message = to_event_message(event, Header(frame_id="base"), 7)
+    read = deserialize_message(serialize_message(message), PolicyEvent)
     assert read.sequence == 7
-    return from_input_message(read, sights or Sights())
+    return from_event_message(read, sights or Sights())
 
 
 @pytest.mark.parametrize("event", EVENTS, ids=lambda e: NAMES[type(e)])
@@ -113,6 +113,6 @@ def test_a_motion_result_is_what_its_message_says():
 
 
 def test_a_state_of_the_pump_that_nobody_knows_is_a_fault():
-    from flowbothd_policy.inputs_ros import phase_of
+    from flowbothd_policy.events_ros import phase_of
 
     assert phase_of(250) is SuctionPhase.FAULT

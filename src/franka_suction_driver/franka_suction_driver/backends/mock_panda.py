@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from flowbothd_common.types import Array
-from franka_suction_driver.backends.recording_modes import (
+from franka_suction_driver.backends.mock_modes import (
     ERRORS,
     NO_ANSWER,
     TCP_LOST,
@@ -23,13 +23,13 @@ from franka_suction_driver.backends.recording_modes import (
 )
 
 if TYPE_CHECKING:
-    from franka_suction_driver.backends.recording import RecordingRobot
+    from franka_suction_driver.backends.mock import MockRobot
 
 
 class JointPosition:
     """The controller: holds the newest target; the robot follows it while the loop runs."""
 
-    def __init__(self, robot: RecordingRobot) -> None:
+    def __init__(self, robot: MockRobot) -> None:
         self._robot = robot
         self.running = False
         self.position: Array = robot.q.copy()
@@ -108,7 +108,7 @@ class Robot:
 class Panda:
     """Stands for panda_py.Panda on one connection."""
 
-    def __init__(self, robot: RecordingRobot, hostname: str, sleep: Callable[[float], None]):
+    def __init__(self, robot: MockRobot, hostname: str, sleep: Callable[[float], None]):
         self._robot, self._sleep = robot, sleep
         self._session = -1
         self._controller: JointPosition | None = None
@@ -211,7 +211,7 @@ class Panda:
         self.connected(name, UDP_LOST)
         return self._snapshot()
 
-    def connected(self, name: str, lost: str) -> RecordingRobot:
+    def connected(self, name: str, lost: str) -> MockRobot:
         """Return the robot, or raise as libfranka does on a dead connection."""
         robot = self._robot
         robot.arrive(name)

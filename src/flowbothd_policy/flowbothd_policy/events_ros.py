@@ -1,4 +1,4 @@
-"""What the policy takes in, as messages: published by its node, read back by whoever replays it."""
+"""The policy's events as messages: published by its node, read back for a replay."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from std_msgs.msg import Header
 from flowbothd_common.ros import qos
 from flowbothd_common.ros.conversions import from_result, to_result, to_seconds, to_stamp
 from flowbothd_common.types import Cloud, SuctionPhase
-from flowbothd_interfaces.msg import PolicyInput, SuctionState
+from flowbothd_interfaces.msg import PolicyEvent, SuctionState
 from flowbothd_policy.events import (
     NAMES,
     CloudArrived,
@@ -35,12 +35,12 @@ _OPENED = {True: 1, False: 0, None: -1}
 
 
 def phase_of(state: int) -> SuctionPhase:
-    """The phase that a SuctionState names; a state nobody knows is a fault."""
+    """The phase that a SuctionState names; an unknown state is a fault."""
     return _PHASES.get(state, SuctionPhase.FAULT)
 
 
 class Sights(Protocol):
-    """Where arrays come from that a PolicyInput only names."""
+    """Source of the arrays that a PolicyEvent only names."""
 
     def cloud(self, stamp: Time) -> Cloud:
         """(N, 3) float32 points of the object cloud with this stamp."""
@@ -51,9 +51,9 @@ class Sights(Protocol):
         ...
 
 
-def to_input_message(event: Event, header: Header, sequence: int) -> PolicyInput:
-    """PolicyInput message of an event; clouds and predictions are named by stamp and seed."""
-    message = PolicyInput(header=header, sequence=sequence, event=NAMES[type(event)], opened=-1)
+def to_event_message(event: Event, header: Header, sequence: int) -> PolicyEvent:
+    """PolicyEvent message of an event; clouds and predictions are named by stamp and seed."""
+    message = PolicyEvent(header=header, sequence=sequence, event=NAMES[type(event)], opened=-1)
     if isinstance(event, CloudArrived | PredictionArrived):
         message.cloud_stamp = to_stamp(event.stamp)
     if isinstance(event, PredictionArrived):
@@ -71,11 +71,11 @@ def to_input_message(event: Event, header: Header, sequence: int) -> PolicyInput
     return message
 
 
-def from_input_message(message: PolicyInput, sights: Sights) -> Event:
-    """The event that a PolicyInput tells of.
+def from_event_message(message: PolicyEvent, sights: Sights) -> Event:
+    """Return the event that a PolicyEvent carries.
 
     Raises:
-        KeyError: an event that nobody knows.
+        KeyError: an unknown event.
     """
     stamp = message.cloud_stamp
     if message.event == NAMES[CloudArrived]:
@@ -115,8 +115,8 @@ class _Given:
         return self._event.points, self._event.flows
 
 
-class InputLog:
-    """Publishes `policy/inputs`.
+class EventLog:
+    """Publishes `policy/events`.
 
     Args:
         node: Gets the publisher; its clock stamps.
@@ -125,18 +125,18 @@ class InputLog:
 
     def __init__(self, node: Node, base_frame: str) -> None:
         self._node, self._base_frame = node, base_frame
-        self._publisher = node.create_publisher(PolicyInput, "policy/inputs", qos.STORY)
+        self._publisher = node.create_publisher(PolicyEvent, "policy/events", qos.STORY)
         self._sequence = 0
 
     def note(self, event: Event) -> tuple[Event, float]:
-        """Publish an event; returns event and time [s] as whoever reads the message gets them.
+        """Publish an event; return event and time [s] as a reader of the message gets them.
 
         The policy has to take these and not its own: a pose loses its last bits on the way
-        through a quaternion, and the policy would not be told the same again from a bag.
+        through a quaternion, and a replay from a bag would get other values than the run did.
         """
         stamp = self._node.get_clock().now().to_msg()
         header = Header(stamp=stamp, frame_id=self._base_frame)
-        message = to_input_message(event, header, self._sequence)
+        message = to_event_message(event, header, self._sequence)
         self._sequence += 1
         self._publisher.publish(message)
-        return from_input_message(message, _Given(event)), to_seconds(stamp)
+        return from_event_message(message, _Given(event)), to_seconds(stamp)
