@@ -18,6 +18,7 @@ from typing import Any
 import yaml
 
 from flowbothd_common.errors import ParameterError
+from flowbothd_common.plain_yaml import plain_yaml
 
 Parameters = dict[str, dict[str, Any]]
 """Node name -> parameter name -> value."""
@@ -206,16 +207,8 @@ def as_written(node: str) -> str:
     return node if "/" in node else _ANYWHERE + node
 
 
-class _PlainDumper(yaml.SafeDumper):  # type: ignore[misc]
-    """ROS refuses YAML in which one list stands for two parameters."""
-
-    def ignore_aliases(self, data: Any) -> bool:
-        """Write equal lists twice."""
-        return True
-
-
 def write_parameters(path: Path, parameters: Parameters) -> None:
     """Write parameters as a ROS YAML file that applies in the root and under any namespace."""
     content = {as_written(node): {"ros__parameters": values} for node, values in parameters.items()}
     # In the given order: where several entries reach a node, ROS lets the last one win.
-    path.write_text(yaml.dump(content, Dumper=_PlainDumper, sort_keys=False))
+    path.write_text(plain_yaml(content))

@@ -10,9 +10,8 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-import yaml
-
 from flowbothd_common.errors import CheckpointError
+from flowbothd_common.plain_yaml import plain_yaml
 from flowbothd_model.checkpoint import weights_hash
 from flowbothd_model.predictor import find_weights
 
@@ -28,4 +27,4 @@ def describe(model: str) -> dict[str, str]:
 
 
 if __name__ == "__main__":
-    sys.stdout.write(yaml.safe_dump(describe(sys.argv[1])))
+    sys.stdout.write(plain_yaml(describe(sys.argv[1])))

@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-import yaml
-
+from flowbothd_common.plain_yaml import plain_yaml
 from flowbothd_common.versions import versions
 
 PARAMETERS = "parameters.yaml"
@@ -18,18 +17,10 @@ VERSIONS = "versions.yaml"
 Parameters = Mapping[str, Mapping[str, Any]]
 
 
-class _PlainDumper(yaml.SafeDumper):
-    """ROS refuses YAML in which one list stands for two parameters."""
-
-    def ignore_aliases(self, data: Any) -> bool:
-        """Write equal lists twice."""
-        return True
-
-
 def parameters_text(parameters: Parameters) -> str:
     """The parameters as the ROS YAML file that `--params-file` takes."""
     content = {node: {"ros__parameters": dict(v)} for node, v in sorted(parameters.items())}
-    return yaml.dump(content, Dumper=_PlainDumper, sort_keys=True)
+    return plain_yaml(content, sort_keys=True)
 
 
 def calibration_text(parameters: Parameters) -> str:
@@ -39,9 +30,9 @@ def calibration_text(parameters: Parameters) -> str:
         for node, given in parameters.items()
         if "camera.position" in given and node.endswith("perception_node")
     }
-    return yaml.safe_dump(values, sort_keys=True) if values else ""
+    return plain_yaml(values, sort_keys=True) if values else ""
 
 
 def versions_text() -> str:
     """Versions of what matters, on the machine that records."""
-    return yaml.safe_dump(versions(), sort_keys=False)
+    return plain_yaml(versions())

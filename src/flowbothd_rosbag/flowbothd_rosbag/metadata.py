@@ -10,6 +10,7 @@ from typing import Any
 import yaml
 
 from flowbothd_common.errors import FlowBotError
+from flowbothd_common.plain_yaml import plain_yaml
 
 VERSION = 9
 """Of the metadata that rosbag2 of Jazzy writes."""
@@ -96,7 +97,7 @@ def _word(profile: Mapping[str, Any], policy: str) -> str:
 
 def qos_text(profiles: Sequence[QosProfile]) -> str:
     """The profiles as the text that stands in a channel of an mcap file."""
-    return yaml.safe_dump(list(profiles), sort_keys=False) if profiles else ""
+    return plain_yaml(list(profiles)) if profiles else ""
 
 
 def parse_qos(value: object) -> tuple[QosProfile, ...]:
@@ -114,20 +115,8 @@ def write_metadata(folder: Path, metadata: Metadata) -> None:
     """Write `metadata.yaml`, replacing an older one in one move."""
     content = {"rosbag2_bagfile_information": _information(metadata)}
     part = folder / (FILE + ".part")
-    part.write_text(yaml.dump(content, Dumper=_Dumper, sort_keys=False))
+    part.write_text(plain_yaml(content))
     part.replace(folder / FILE)
-
-
-# Written every second; in Python alone it would take 20 ms each time.
-_Fast: Any = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
-
-
-class _Dumper(_Fast):
-    """rosbag2 reads no YAML aliases."""
-
-    def ignore_aliases(self, data: Any) -> bool:
-        """Write equal profiles twice."""
-        return True
 
 
 def _information(metadata: Metadata) -> dict[str, Any]:

@@ -10,6 +10,8 @@ from typing import Any
 
 import yaml
 
+from flowbothd_common.plain_yaml import plain_yaml
+
 _TIMEOUT = 120.0
 
 
@@ -41,6 +43,6 @@ def describe_later(models: Mapping[str, str], done: Callable[[str], None]) -> No
                 result[node] = {"model_path": model, **yaml.safe_load(found.stdout)}
             except (subprocess.SubprocessError, OSError) as error:
                 result[node] = {"model_path": model, "error": str(error)}
-        done(yaml.safe_dump(result))
+        done(plain_yaml(result, sort_keys=True))
 
     threading.Thread(target=work, name="weights", daemon=True).start()
