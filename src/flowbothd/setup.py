@@ -44,7 +44,7 @@ setup(
         "torch",
     ],
     extras_require={
-        "test": ["pytest"],
+        "test": ["pytest", "ros-std-msgs~=5.3"],
         "panda": ["franka_suction_driver[panda]"],
         "view": ["rerun-sdk>=0.26"],
     },

@@ -33,7 +33,7 @@ setup(
         "pin",
         "scipy",
     ],
-    extras_require={"test": ["hypothesis", "pytest", "pyyaml"]},
+    extras_require={"test": ["hypothesis", "pytest", "pyyaml", "ros-diagnostic-msgs~=5.3"]},
     entry_points={
         "console_scripts": [
             "perception_node = flowbothd_perception.perception_node:main",

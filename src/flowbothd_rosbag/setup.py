@@ -32,7 +32,7 @@ setup(
         "pyyaml",
         "zstandard",
     ],
-    extras_require={"test": ["numpy>=1.26", "pytest", "rosbags"]},
+    extras_require={"test": ["numpy>=1.26", "pytest", "ros-sensor-msgs~=5.3", "rosbags"]},
     entry_points={
         "console_scripts": [
             "recorder_node = flowbothd_rosbag.recorder_node:main",
