@@ -38,7 +38,7 @@ colcon: setup ## build and test the Python packages with colcon, without any ROS
 	cd ros2_ws && ../$(BIN)/colcon test --packages-ignore flowbothd_interfaces --pytest-args -m "not ros and not e2e and not slow"
 	cd ros2_ws && ../$(BIN)/colcon test-result --verbose
 
-docs: setup ## write the generated tables of docs/interfaces.md again
+docs: setup ## write the generated tables of docs and README again
 	$(BIN)/python tools/interface_tables.py
 
 lock: ## compile requirements.in into requirements.lock

@@ -1,4 +1,4 @@
-"""docs/interfaces.md and the README's node table say what the nodes really declare."""
+"""The tables of interfaces.md, parameters.md and the README say what the nodes really declare."""
 
 import importlib.util
 from pathlib import Path

@@ -51,7 +51,14 @@ ALLOWED = {
     "franka_suction_driver": {"pinocchio", "coal", "ruckig"},
     "sim_bridge": {"pybullet", "open3d"},
     "flowbothd_rosbag": {"mcap"},
-    "flowbothd_bringup": {"honcho", "flowbothd_rosbag", "franka_suction_driver", "sim_bridge"},
+    "flowbothd_bringup": {
+        "honcho",
+        "flowbothd_perception",
+        "flowbothd_policy",
+        "flowbothd_rosbag",
+        "franka_suction_driver",
+        "sim_bridge",
+    },
     "flowbothd_evaluation": {
         "torch",
         "open3d",

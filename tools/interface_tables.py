@@ -1,4 +1,4 @@
-"""Writes the generated tables of docs/ and README.md from the nodes and their parameters.
+"""Write the generated tables of docs/ and README.md from the nodes and their parameters.
 
 Run by `make docs`; tests/test_interface_docs.py fails when the files differ from what this makes.
 """
@@ -16,11 +16,12 @@ from typing import Any
 from flowbothd_bringup import robot_graph, sim_graph
 
 ROOT = Path(__file__).resolve().parent.parent
-INTERFACES = ROOT / "docs" / "interfaces.md"
-RECORDING = ROOT / "docs" / "recording.md"
+INTERFACES = ROOT / "docs" / "reference" / "interfaces.md"
+PARAMETERS = ROOT / "docs" / "reference" / "parameters.md"
 README = ROOT / "README.md"
 
 NODES = tuple({**sim_graph.NODES, **robot_graph.NODES}.values())
+PARAMETER_HEADER = ("parameter", "type", "default", "allowed", "meaning")
 # What has no default: a node refuses to start without it, here it gets something to start with.
 REQUIRED: dict[str, dict[str, Any]] = {
     "flowbothd_perception.perception_node": {
@@ -78,7 +79,7 @@ def type_name(kind: type) -> str:
 
 
 def actions(found: list[tuple[str, list[str]]]) -> list[tuple[str, str]]:
-    """(name, `package/Name`) of actions as the ROS graph tells them."""
+    """(name, `package/Name`) of actions as the ROS graph reports them."""
     return [(name, types[0].replace("/action/", "/")) for name, types in found]
 
 
@@ -162,9 +163,10 @@ def parameter_rows(node: Any) -> list[list[str]]:
     return rows
 
 
-def render() -> tuple[str, str]:
-    """(tables of docs/interfaces.md, node table of README.md)."""
+def render() -> tuple[str, str, str]:
+    """Return the tables of interfaces.md and of parameters.md, and the node table of README.md."""
     detailed: list[str] = []
+    parameters: list[str] = []
     summary: list[list[str]] = []
     for node in nodes():
         name = node.get_name()
@@ -172,10 +174,7 @@ def render() -> tuple[str, str]:
         detailed += [f"### {name}", ""]
         rows = [[kind, f"`{n}`", t] for kind, pairs in found.items() for n, t in pairs]
         detailed += [*table(("", "name", "type"), rows), ""]
-        detailed += [
-            *table(("parameter", "type", "default", "allowed", "meaning"), parameter_rows(node)),
-            "",
-        ]
+        parameters += [f"### {name}", "", *table(PARAMETER_HEADER, parameter_rows(node)), ""]
 
         def names(*kinds: str, found: dict[str, list[tuple[str, str]]] = found) -> str:
             hidden = ("heartbeat", "/diagnostics", "/clock")
@@ -190,19 +189,24 @@ def render() -> tuple[str, str]:
             ]
         )
     header = ("node", "subscribes", "publishes", "services and actions")
-    return "\n".join(detailed).rstrip(), "\n".join(table(header, summary))
+    parameters += recording_tables()
+    return (
+        "\n".join(detailed).rstrip(),
+        "\n".join(parameters).rstrip(),
+        "\n".join(table(header, summary)),
+    )
 
 
-def replaced(path: Path, marker: str, text: str, content: str | None = None) -> str:
-    """Content of the file (or the one given) with the part between the markers replaced."""
+def replaced(path: Path, marker: str, text: str) -> str:
+    """Content of the file with the part between the markers replaced."""
     begin, end = f"<!-- begin {marker} -->", f"<!-- end {marker} -->"
-    content = path.read_text() if content is None else content
+    content = path.read_text()
     if begin not in content or end not in content:
         raise SystemExit(f"{path.name} lacks the markers {begin} and {end}")
     return content.split(begin)[0] + begin + "\n" + text + "\n" + end + content.split(end)[1]
 
 
-def dataclass_table(params: type) -> str:
+def dataclass_table(params: type) -> list[str]:
     """Table of a parameter dataclass, for nodes that are not part of the robot's graph."""
     from flowbothd_common.parameters import specifications
 
@@ -220,26 +224,26 @@ def dataclass_table(params: type) -> str:
                 spec.description.replace("|", "\\|"),
             ]
         )
-    return "\n".join(table(("parameter", "type", "default", "allowed", "meaning"), rows))
+    return table(PARAMETER_HEADER, rows)
 
 
-def recording_tables() -> str:
-    """Content of docs/recording.md with the tables of recorder and player."""
+def recording_tables() -> list[str]:
+    """Parameter tables of recorder and player."""
     from flowbothd_rosbag.player_params import PlayerParams
     from flowbothd_rosbag.recorder_params import RecorderParams
 
-    content = RECORDING.read_text()
-    for marker, params in (("recorder_node", RecorderParams), ("player_node", PlayerParams)):
-        content = replaced(RECORDING, marker, dataclass_table(params), content)
-    return content
+    lines = []
+    for name, params in (("recorder_node", RecorderParams), ("player_node", PlayerParams)):
+        lines += [f"### {name}", "", *dataclass_table(params), ""]
+    return lines
 
 
 def documents() -> dict[Path, str]:
     """Path -> content that it should have."""
-    detailed, summary = render()
+    detailed, parameters, summary = render()
     return {
-        RECORDING: recording_tables(),
         INTERFACES: replaced(INTERFACES, "node tables", detailed),
+        PARAMETERS: replaced(PARAMETERS, "parameter tables", parameters),
         README: replaced(README, "node table", summary),
     }
 

@@ -34,7 +34,7 @@ class Graph:
         from sensor_msgs.msg import JointState
 
         from flowbothd_common.ros import qos
-        from flowbothd_interfaces.msg import Heartbeat, MotionResult, PolicyEvent, SimState
+        from flowbothd_interfaces.msg import Heartbeat, MotionResult, PolicyDecision, SimState
 
         self.domain = next(_domains)
         self.log = log
@@ -52,14 +52,14 @@ class Graph:
         self.diagnostics: list[tuple[float, str, int, str]] = []
         self.ready: dict[str, bool] = {}
         self.joints: list[tuple[float, list[float]]] = []
-        self.events: list[object] = []
+        self.decisions: list[object] = []
         self.results: list[object] = []
         self.sim: object | None = None
         for kind, name, callback, profile in (
             (DiagnosticArray, "/diagnostics", self._on_diagnostics, 10),
             (Heartbeat, "heartbeat", self._on_heartbeat, qos.HEARTBEAT),
             (JointState, "joint_states", self._on_joints, qos.STATE),
-            (PolicyEvent, "policy/events", self.events.append, qos.EVENT),
+            (PolicyDecision, "policy/decisions", self.decisions.append, qos.EVENT),
             (MotionResult, "motion/result", self.results.append, qos.EVENT),
             (SimState, "sim/state", self._on_sim, qos.STATE),
         ):

@@ -146,10 +146,10 @@ def test_the_recorded_demo_opens_with_the_libraries_of_others(demo_run):
 
     folder = demo_run[0] / "bag"
     with AnyReader([folder]) as reader:
-        events = [c for c in reader.connections if c.topic == "/policy/events"]
-        read = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages(events)]
+        decisions = [c for c in reader.connections if c.topic == "/policy/decisions"]
+        read = [reader.deserialize(raw, c.msgtype) for c, _, raw in reader.messages(decisions)]
         count = reader.message_count
-    assert "predict" in {event.decision for event in read}
+    assert "predict" in {decision.decision for decision in read}
     with (folder / "bag_0.mcap").open("rb") as file:
         mcap = make_reader(file, validate_crcs=True)
         assert sum(1 for _ in mcap.iter_messages()) == count

@@ -27,13 +27,18 @@ class Command:
         module: Module with add_arguments and run.
         summary: One line for the list.
         examples: Shown at the end of its help.
+        for_robot: It works with hardware, and says first that none has been tried.
     """
 
     name: str
     module: str
     summary: str
     examples: tuple[str, ...] = ()
+    for_robot: bool = False
 
+
+NOT_TRIED = "not yet tried on hardware: so far only simulated and mock devices have been connected"
+"""Printed once by every command for a robot, until a lab has opened something."""
 
 COMMANDS = (
     Command(
@@ -61,7 +66,7 @@ COMMANDS = (
     Command(
         "replay",
         "flowbothd.replay.replay_command",
-        "play a recording to nodes, or compute nodes anew on it and compare",
+        "play a recording to nodes, or recompute their output and compare",
         (
             "flowbothd replay out/demo/bag --rate 2 --from 5 --to 20",
             "flowbothd replay out/demo/bag --recompute policy",
@@ -86,19 +91,21 @@ COMMANDS = (
         ("flowbothd report out/demo/bag", "flowbothd report bags/kitchen --out kitchen"),
     ),
     Command(
-        "up real",
-        "flowbothd.up_real",
-        "start all nodes on a robot and leave them running; docs/real_robot.md",
+        "up robot",
+        "flowbothd.up_robot",
+        "start all nodes on a robot and leave them running; docs/tutorials/own_robot.md",
         (
-            "flowbothd up real --robot 172.16.0.2 --params lab.yaml --dry-run",
-            "flowbothd up real --backend recording --params lab.yaml",
+            "flowbothd up robot --robot 172.16.0.2 --params lab.yaml --dry-run",
+            "flowbothd up robot --backend mock --params lab.yaml",
         ),
+        for_robot=True,
     ),
     Command(
         "doctor",
         "flowbothd.doctor.doctor",
-        "check robot, pump, camera and calibration; says how to mend what is red",
+        "check robot, pump, camera and calibration; says how to fix failed checks",
         ("flowbothd doctor --robot 172.16.0.2 --params lab.yaml",),
+        for_robot=True,
     ),
     Command(
         "calibrate",
@@ -110,6 +117,7 @@ COMMANDS = (
             "flowbothd calibrate board --captures out/cal --record 10 --board 9x6 --square 0.025",
             "flowbothd calibrate check --captures out/check --record 4 --parameters camera.yaml",
         ),
+        for_robot=True,
     ),
     Command(
         "trials",
@@ -222,11 +230,13 @@ def _parser(chosen: str | None) -> argparse.ArgumentParser:
         sub = target.add_parser(
             second or first,
             help=command.summary,
-            description=command.summary,
+            description=f"{command.summary} ({NOT_TRIED})"
+            if command.for_robot
+            else command.summary,
             epilog=examples if command.examples else None,
             formatter_class=argparse.RawDescriptionHelpFormatter,
         )
-        sub.set_defaults(module=command.module)
+        sub.set_defaults(module=command.module, for_robot=command.for_robot)
         if command.name == chosen:
             importlib.import_module(command.module).add_arguments(sub)
     return parser
@@ -245,6 +255,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     # ROS looks its plugins up when rclpy is imported, which subcommands do.
     os.environ.setdefault("AMENT_PREFIX_PATH", sys.prefix)
     parsed = _parser(_chosen(given)).parse_args(given)
+    if parsed.for_robot:
+        sys.stdout.write(f"{NOT_TRIED}\n")
+        sys.stdout.flush()
     try:
         return int(importlib.import_module(parsed.module).run(parsed))
     except FlowBotError as error:

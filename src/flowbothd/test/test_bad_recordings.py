@@ -31,7 +31,7 @@ def chatter(folder, names=("/chatter",), kind="std_msgs/msg/String", count=3, at
     return folder
 
 
-OURS = ("/policy/events", "/policy/inputs", "/object_cloud", "/flow/prediction", "/joint_states")
+OURS = ("/policy/decisions", "/policy/events", "/object_cloud", "/flow/prediction", "/joint_states")
 COMMANDS = (
     ("replay", "--recompute", "policy"),
     ("replay", "--recompute", "perception,inference,policy"),
@@ -44,7 +44,7 @@ CASES = {
     "our names, other types": lambda p: chatter(p, names=OURS),
     "our names, unknown types": lambda p: chatter(p, names=OURS, kind="nobody_msgs/msg/Unknown"),
     "our types, other bytes": lambda p: chatter(
-        p, names=("/policy/events",), kind="flowbothd_interfaces/msg/PolicyEvent"
+        p, names=("/policy/decisions",), kind="flowbothd_interfaces/msg/PolicyDecision"
     ),
     "damaged parameters": lambda p: chatter(p, attach=[("parameters.yaml", b"\xff: [")]),
     "other parameters": lambda p: chatter(p, attach=[("parameters.yaml", b"[1, 2]")]),

@@ -43,7 +43,7 @@ def test_the_tool_gives_the_pose_and_the_check_believes_it(folder, tmp_path, cap
     guess = ["0.48", "-1.05", "0.68", "0.48", "0.05", "0.33"]
     command = ["calibrate", "tool", "--captures", str(folder), "--guess", *guess]
     assert main([*command, "--out", str(out)]) == 0
-    values = yaml.safe_load(out.read_text())["perception_node"]["ros__parameters"]
+    values = yaml.safe_load(out.read_text())["/**/perception_node"]["ros__parameters"]
     truth = MOUNTS[0].T_base_camera
     np.testing.assert_allclose(values["camera.position"], truth[:3, 3], atol=0.004)
     turned = rotation_from_quaternion(values["camera.quaternion"]) @ truth[:3, :3].T

@@ -1,5 +1,6 @@
 """The command line: help, versions, bad input; scenes and parameters behind it."""
 
+import importlib
 import subprocess
 import sys
 from pathlib import Path
@@ -7,7 +8,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from flowbothd.cli import COMMANDS, main
+from flowbothd.cli import COMMANDS, NOT_TRIED, main
 from flowbothd_common.errors import ObjectModelError
 from sim_bridge.scenes import load_scenes, scene_for
 
@@ -41,6 +42,23 @@ def test_version_names_what_matters(capsys):
         main(["--version"])
     text = capsys.readouterr().out
     assert text.startswith("flowbothd ") and "numpy" in text and "Python" in text
+
+
+@pytest.mark.ros
+@pytest.mark.parametrize("command", [c for c in COMMANDS if c.for_robot], ids=lambda c: c.name)
+def test_commands_for_a_robot_say_once_that_none_has_been_tried(capsys, monkeypatch, command):
+    """The text of these commands read as if a lab had run them."""
+    module = importlib.import_module(command.module)
+    monkeypatch.setattr(module, "run", lambda _: 0)
+    needed = ["check", "--captures", "nowhere"] if command.name == "calibrate" else []
+    assert main([*command.name.split(), *needed]) == 0
+    assert capsys.readouterr().out == f"{NOT_TRIED}\n"
+    assert NOT_TRIED in " ".join(help_of(capsys, *command.name.split()).split())
+
+
+def test_the_commands_for_a_robot_are_these():
+    assert {c.name for c in COMMANDS if c.for_robot} == {"up robot", "doctor", "calibrate"}
+    assert NOT_TRIED.startswith("not yet tried on hardware")
 
 
 @pytest.mark.ros
@@ -99,4 +117,4 @@ def test_camera_and_perception_get_the_same_calibration_and_overrides_win(tmp_pa
     assert read_parameters(file) == parameters
     # The incident: camera.position was written once and referred to, which ROS refuses.
     assert "*id" not in file.read_text()
-    assert "ros__parameters" in yaml.safe_load(file.read_text())["bridge_node"]
+    assert "ros__parameters" in yaml.safe_load(file.read_text())["/**/bridge_node"]

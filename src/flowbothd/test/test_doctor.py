@@ -25,7 +25,7 @@ CAMERA = {"camera.position": [0.6, -1.0, 0.6], "camera.quaternion": [0.0, 0.0, 0
 
 
 class TestDoctor:
-    """What the doctor says of what was found."""
+    """Report of the doctor on its findings."""
 
     def test_rates_and_stamps(self) -> None:
         steady = Heard([0.1 * k for k in range(20)], [0.02] * 20)
@@ -55,6 +55,9 @@ class TestDoctor:
         assert judge_wrench("wrench", []).light is Light.RED
         assert "tare" in judge_wrench("wrench", [9.0]).remedy
         assert judge_wrench("wrench", [0.5]).light is Light.GREEN
+        broken = judge_wrench("wrench", [0.5, float("nan"), 0.5])
+        assert broken.light is Light.RED
+        assert "1 of 3" in broken.found
         assert judge_pump(Heard(), "").light is Light.RED
         assert judge_pump(Heard([0.0, 0.1]), "no link").found == "no link"
         checks = judge_nodes(["a", "b", "c"], {"a": (True, "fine"), "b": (False, "no camera")})

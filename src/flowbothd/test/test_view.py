@@ -1,4 +1,4 @@
-"""What people look at: Rerun files, report pages, shell completion."""
+"""Output for people: Rerun files, report pages, shell completion."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def messages():
     from std_msgs.msg import Header, String
 
     from flowbothd_common.ros import clouds
-    from flowbothd_interfaces.msg import FlowPrediction, PolicyEvent, SuctionState
+    from flowbothd_interfaces.msg import FlowPrediction, PolicyDecision, SuctionState
     from franka_suction_driver.arm.description import compose_urdf
 
     def header(sec):
@@ -40,10 +40,14 @@ def messages():
     depth = np.full((12, 18), 800, "<u2")
     image = Image(header=header(1), height=12, width=18, step=36, encoding="16UC1")
     image.data = depth.tobytes()
-    event = PolicyEvent(header=header(2), decision="approach", state="approaching", reason="good")
+    event = PolicyDecision(
+        header=header(2), decision="approach", state="approaching", reason="good"
+    )
     event.prediction_stamp.sec, event.chosen_sample = 1, 1
     event.grasp_point, event.flow = Point(x=0.35, z=0.2), Vector3(y=1.0)
-    end = PolicyEvent(header=header(4), sequence=1, decision="end", outcome="opened", opening=1.0)
+    end = PolicyDecision(
+        header=header(4), sequence=1, decision="end", outcome="opened", opening=1.0
+    )
     prediction = FlowPrediction(header=header(1), ok=True)
     prediction.flows = clouds.to_flow_message(header(1), POINTS, flows)
     return [
@@ -61,11 +65,11 @@ def messages():
             [clouds.to_cloud_message(header(1), POINTS, clouds.XYZ)],
         ),
         ("/flow/prediction", "flowbothd_interfaces/msg/FlowPrediction", [prediction]),
-        ("/policy/events", "flowbothd_interfaces/msg/PolicyEvent", [event, end]),
+        ("/policy/decisions", "flowbothd_interfaces/msg/PolicyDecision", [event, end]),
         (
             "/suction/state",
             "flowbothd_interfaces/msg/SuctionState",
-            [SuctionState(header=header(2), pressure=6e4)],
+            [SuctionState(header=header(2), vacuum=6e4)],
         ),
         (
             "/external_wrench",
@@ -116,7 +120,7 @@ def test_a_recording_becomes_a_rerun_file_with_everything_in_it(bag, tmp_path):
 
 
 def listed(file):
-    """What `rerun rrd print` tells of a file."""
+    """Output of `rerun rrd print` for a file."""
     tool = Path(sys.executable).with_name("rerun")
     command = [str(tool), "rrd", "print", str(file)]
     return subprocess.run(command, capture_output=True, text=True, check=True).stdout
@@ -129,7 +133,7 @@ def test_rerun_itself_opens_a_recording(bag, tmp_path):
     command = [str(tool), "mcap", "convert", str(bag / "bag_0.mcap"), "--output", str(file)]
     subprocess.run(command, capture_output=True, text=True, check=True, timeout=120)
     listing = listed(file)
-    for path in ("/joint_states", "/object_cloud", "/depth/image_raw", "/policy/events"):
+    for path in ("/joint_states", "/object_cloud", "/depth/image_raw", "/policy/decisions"):
         assert path in listing, path
 
 
@@ -164,7 +168,7 @@ def test_a_running_graph_is_shown_as_its_topics_appear(monkeypatch, tmp_path):
         for name, kind, found in messages():
             publisher = graph.create_publisher(message_class(kind), name, qos.STORY)
             pairs.append((name, publisher, found))
-        other = graph.create_publisher(String, "/other/policy/events", qos.STORY)
+        other = graph.create_publisher(String, "/other/policy/decisions", qos.STORY)
         other.publish(String(data="not ours"))
         deadline = time.monotonic() + 30.0
         while not all(p.get_subscription_count() for _, p, _ in pairs):
@@ -183,7 +187,7 @@ def test_a_running_graph_is_shown_as_its_topics_appear(monkeypatch, tmp_path):
         rclpy.shutdown(context=context)
     recording.flush()
     recording.disconnect()
-    assert "/other/policy/events" not in shown
+    assert "/other/policy/decisions" not in shown
     listing = listed(file)
     for path in (at.OBJECT, at.SAMPLES, at.CHOSEN, at.GRASP, at.PATH, at.DECISIONS, at.VACUUM):
         assert path in listing, path

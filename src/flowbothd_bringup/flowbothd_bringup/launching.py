@@ -1,4 +1,4 @@
-"""What the launch files share: the nodes of a graph as launch actions, from the same parameters.
+"""Code shared by the launch files: the nodes of a graph as launch actions.
 
 Only launch files import this: `launch` and `launch_ros` come with ROS from apt alone.
 """
@@ -21,12 +21,16 @@ from launch_ros.actions import Node  # type: ignore[import-not-found]
 
 from flowbothd_bringup.node_graph import NodeGraph
 from flowbothd_common.environment import node_environment
+from flowbothd_common.parameter_files import write_parameters
 
 RECORD = {
     "record": ("", "folder to record into; empty: record nothing"),
     "profile": ("light", "what is recorded: light, all or debug"),
 }
 """Launch arguments of every graph that can be recorded."""
+
+NAMESPACE = "ros_namespace"
+"""Where launch_ros keeps the namespace of the nodes that are started."""
 
 # Domain and discovery are the user's own; how messages travel and threads compute is the graph's.
 _ENVIRONMENT = (
@@ -40,7 +44,7 @@ Values = dict[str, str]
 
 
 def is_true(text: str) -> bool:
-    """Whether a launch argument says yes."""
+    """Return True if a launch argument says yes."""
     return text.strip().lower() in ("true", "1", "yes", "on")
 
 
@@ -52,11 +56,14 @@ def description(
 
     Args:
         arguments: Name -> default and description.
-        graph: Takes the values of the arguments.
+        graph: Takes the values of the arguments, and the namespace that a launch file around this
+            one has pushed.
     """
 
     def start(context: Any) -> list[Any]:
         values = {name: LaunchConfiguration(name).perform(context) for name in arguments}
+        # Set where a launch file includes this one below a PushRosNamespace.
+        values[NAMESPACE] = LaunchConfiguration(NAMESPACE, default="").perform(context)
         described = graph(values)
         if values.get("record"):
             described = described.recorded(out=values["record"], profile=values["profile"])
@@ -75,7 +82,7 @@ def node_actions(graph: NodeGraph) -> list[Any]:
     Their parameters are in a file that stays for as long as they may read it.
     """
     file = Path(tempfile.mkdtemp(prefix="flowbothd-")) / "parameters.yaml"
-    graph.write(file)
+    write_parameters(file, graph.parameters)
     environment = node_environment(0)
     return [
         *(SetEnvironmentVariable(name, environment[name]) for name in _ENVIRONMENT),
@@ -84,7 +91,7 @@ def node_actions(graph: NodeGraph) -> list[Any]:
                 package=module.split(".", maxsplit=1)[0],
                 executable=name,
                 name=name,
-                namespace=graph.namespace or None,
+                namespace=graph.namespace_of(name) or None,
                 output="screen",
                 parameters=[str(file)],
                 remappings=list(graph.remappings.items()),

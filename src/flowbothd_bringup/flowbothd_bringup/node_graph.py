@@ -34,13 +34,15 @@ class NodeGraph:
         nodes: Node name -> module that runs it. The executable has the node's name.
         parameters: Of the nodes.
         remappings: Name of a topic, service or action in the code -> its name in this graph.
-        namespace: ROS namespace of all nodes, such as ``/left``; empty = the root.
+        namespace: ROS namespace, such as ``/left``; empty = the root.
+        in_root: Nodes that stay in the root, because all their topics have full names.
     """
 
     nodes: Mapping[str, str]
     parameters: Parameters
     remappings: Mapping[str, str] = field(default_factory=dict)
     namespace: str = ""
+    in_root: Collection[str] = ()
 
     def recorded(self, **parameters: Any) -> NodeGraph:
         """Return the graph with a recorder in it.
@@ -55,11 +57,9 @@ class NodeGraph:
             parameters={**self.parameters, RECORDER: given},
         )
 
-    def write(self, parameters_file: Path) -> None:
-        """Write the parameters of all nodes, so that they apply in the graph's namespace."""
-        prefix = f"{self.namespace}/" if self.namespace else ""
-        named = {prefix + node: values for node, values in self.parameters.items()}
-        write_parameters(parameters_file, named)
+    def namespace_of(self, node: str) -> str:
+        """Return the namespace of one node; empty = the root."""
+        return "" if node in self.in_root else self.namespace
 
     def processes(self, parameters_file: Path, required: Collection[str] = ()) -> list[NodeProcess]:
         """Write the parameters, and return a process for each node.
@@ -68,22 +68,23 @@ class NodeGraph:
             parameters_file: Is written; read by the processes when they start.
             required: Nodes whose end is the end of the whole graph.
         """
-        self.write(parameters_file)
-        names = [f"{name}:={to}" for name, to in self.remappings.items()]
-        if self.namespace:
-            names.append(f"__ns:={self.namespace}")
-        arguments = ["--ros-args", "--params-file", str(parameters_file)]
-        arguments += [word for name in names for word in ("-r", name)]
-        return [
-            NodeProcess(name, (sys.executable, "-m", module, *arguments), name in required)
-            for name, module in self.nodes.items()
-        ]
+        write_parameters(parameters_file, self.parameters)
+        common = ["--ros-args", "--params-file", str(parameters_file)]
+        for name, to in self.remappings.items():
+            common += ["-r", f"{name}:={to}"]
+        result = []
+        for name, module in self.nodes.items():
+            space = self.namespace_of(name)
+            arguments = [*common, *(("-r", f"__ns:={space}") if space else ())]
+            command = (sys.executable, "-m", module, *arguments)
+            result.append(NodeProcess(name, command, name in required))
+        return result
 
 
 def config_file(name: str) -> Path:
     """Path of a parameter file that comes with this package.
 
-    It lies beside the package in a source checkout, in share/flowbothd_bringup once installed.
+    It is next to the package in a source checkout, in share/flowbothd_bringup once installed.
     """
     package = Path(__file__).resolve().parent
     checkout = package.parent / "config" / name

@@ -1,15 +1,14 @@
-"""The graph that plays a recording: the player, and perception if it is to run anew."""
+"""The graph that plays a recording: the player, and perception if it is to run again."""
 
 from __future__ import annotations
 
 from pathlib import Path
 from typing import Any
 
-import yaml
-
 from flowbothd_bringup.node_graph import DECIDING_NODES, NodeGraph
-from flowbothd_common.parameter_files import Parameters, flat_parameters
-from flowbothd_rosbag import about
+from flowbothd_common.parameter_files import Parameters
+from flowbothd_rosbag.attached import stored_parameters
+from flowbothd_rosbag.lookup import graph_namespace, topic_called
 from flowbothd_rosbag.metadata import BagError
 from flowbothd_rosbag.reader import Bag
 
@@ -17,7 +16,7 @@ PLAYER = "player_node"
 PERCEPTION = "perception_node"
 
 _OUTPUT = r"/object_cloud$|/perception_node/"
-_INPUTS = ("/joint_states", "/depth/image_raw")
+_INPUTS = ("joint_states", "depth/image_raw")
 
 
 def playing_graph(
@@ -29,6 +28,7 @@ def playing_graph(
     loop: bool = False,
     exclude: str = "",
     perception: bool = False,
+    namespace: str | None = None,
 ) -> NodeGraph:
     """Return the graph that plays a recording.
 
@@ -37,14 +37,15 @@ def playing_graph(
         rate: Speed.
         begin: Where to begin, after the first message [s].
         end: Where to end [s]; 0 = at its end.
-        loop: Begin anew at the end.
+        loop: Start over at the end.
         exclude: Regular expression of topics that are not played.
         perception: Run perception_node as it was configured, and play all but what it put out.
+        namespace: Graph whose perception_node it is, where several were recorded.
 
     Raises:
         BagError: there is no recording, or it lacks the parameters of a node that is to run.
     """
-    bag = Bag(path)
+    bag = Bag(path, namespace)
     if rate <= 0:
         raise BagError("rate of a replay", got=rate, allowed="> 0")
     left_out = [exclude] if exclude else []
@@ -57,14 +58,18 @@ def playing_graph(
     }
     nodes = {PLAYER: "flowbothd_rosbag.player_node"}
     parameters: Parameters = {PLAYER: player}
+    space = ""
     if perception:
+        space = graph_namespace(bag) or ""
         nodes[PERCEPTION] = DECIDING_NODES[PERCEPTION]
         parameters[PERCEPTION] = recorded_parameters(bag, PERCEPTION)
         left_out.append(_OUTPUT)
-        player["wait_for"] = [name for name in _INPUTS if name in bag.topics]
+        inputs = [topic_called(bag, name) for name in _INPUTS]
+        player["wait_for"] = [name for name in inputs if name is not None]
     if left_out:
         player["exclude"] = "|".join(left_out)
-    return NodeGraph(nodes, parameters)
+    # The topics of the player have full names; the others listen where the graph was.
+    return NodeGraph(nodes, parameters, namespace=space, in_root=(PLAYER,))
 
 
 def recorded_parameters(bag: Bag, node: str) -> dict[str, Any]:
@@ -73,13 +78,12 @@ def recorded_parameters(bag: Bag, node: str) -> dict[str, Any]:
     Raises:
         BagError: they were not recorded.
     """
-    content = yaml.safe_load(bag.attachments().get(about.PARAMETERS, b"")) or {}
-    if node not in content:
+    values = stored_parameters(bag).get(node)
+    if values is None:
         raise BagError(
             f"{bag.path} has no parameters of {node}",
             hint="record with `flowbothd record`, which asks all nodes for theirs",
         )
-    values = flat_parameters(content[node]["ros__parameters"])
     kept = {
         name: value
         for name, value in values.items()

@@ -7,6 +7,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from flowbothd_bringup.lab_files import lab_parameters
 from flowbothd_bringup.node_graph import DECIDING_NODES, NodeGraph, config_file
 from flowbothd_common.errors import ParameterError
 from flowbothd_common.parameter_files import Parameters, read_parameters
@@ -21,21 +22,25 @@ NODES = {
 }
 """Node name -> module that runs it. What blocks Python, the pump, has a process of its own."""
 
+_OTHERS = ("bridge_node", "recorder_node", "player_node")
+"""Nodes of other graphs that a lab's file may have parameters of."""
+
 _CALIBRATION = ("camera.position", "camera.quaternion")
 
 
 @dataclass(frozen=True)
-class RealOptions:
-    """What is said on the command line.
+class RobotOptions:
+    """Options of the command line.
 
     Attributes:
         robot_ip: Address of the control unit.
-        backend: topic, panda or recording.
+        backend: topic, panda or mock.
         files: Parameter files of the lab; later ones win.
         model: Name, folder or file of the weights; empty = the inference node's own default.
         speed: Part of all speeds; None = the files'.
         dry_run: Plan and show, never move.
         start: Whether the policy begins by itself.
+        namespace: ROS namespace of the graph, by which the files' full names are judged.
     """
 
     robot_ip: str = ""
@@ -45,10 +50,11 @@ class RealOptions:
     speed: float | None = None
     dry_run: bool = False
     start: bool = False
+    namespace: str = ""
 
 
-def real_parameters(options: RealOptions) -> Parameters:
-    """Parameters of every node: config/real.yaml, then the lab's files, then the command line.
+def robot_parameters(options: RobotOptions) -> Parameters:
+    """Parameters of every node: config/robot.yaml, then the lab's files, then the command line.
 
     Raises:
         ParameterError: a file, the calibration or the address is missing, the force limits are in
@@ -58,9 +64,9 @@ def real_parameters(options: RealOptions) -> Parameters:
     missing = missing_parameters(result)
     if missing:
         raise ParameterError(
-            "parameters that nobody can guess are missing",
+            "required parameters are missing",
             got=", ".join(missing),
-            hint="write them into a file and give it with --params; docs/real_robot.md has one",
+            hint="write them into a file for --params; docs/tutorials/own_robot.md has one",
         )
     result["motion_node"].setdefault(
         "camera_position", result["perception_node"]["camera.position"]
@@ -69,24 +75,24 @@ def real_parameters(options: RealOptions) -> Parameters:
     return result
 
 
-def given_parameters(options: RealOptions) -> Parameters:
+def given_parameters(options: RobotOptions) -> Parameters:
     """The same, without asking for what is missing; for the doctor.
 
     Raises:
-        ParameterError: a file is missing, or names what nobody knows.
+        ParameterError: a file is missing, or has parameters that reach no node.
     """
     if options.backend not in BACKENDS:
         raise ParameterError("unknown backend", got=options.backend, allowed=", ".join(BACKENDS))
-    result = read_parameters(config_file("real.yaml"))
+    result = read_parameters(config_file("robot.yaml"))
     for file in options.files:
-        for node, values in _lab_file(file).items():
+        for node, values in lab_parameters(file, NODES, _OTHERS, options.namespace).items():
             result.setdefault(node, {}).update(values)
     _apply(result, options)
     return result
 
 
 def missing_parameters(parameters: Parameters) -> list[str]:
-    """What a lab must give and has not."""
+    """Required parameters that the lab has not given."""
     missing = [
         f"perception_node {name}"
         for name in _CALIBRATION
@@ -123,39 +129,19 @@ def check_force_limits(parameters: Parameters) -> None:
             )
 
 
-def robot_graph(options: RealOptions) -> NodeGraph:
+def robot_graph(options: RobotOptions) -> NodeGraph:
     """Return the graph on a robot; the camera's driver is started by the lab.
 
     Raises:
-        ParameterError: as `real_parameters`.
+        ParameterError: as `robot_parameters`.
     """
-    return NodeGraph(NODES, real_parameters(options))
+    return NodeGraph(NODES, robot_parameters(options), namespace=options.namespace)
 
 
-def _lab_file(path: Path) -> Parameters:
-    known = config_file(path.name)
-    file = path if path.is_file() else known
-    if not file.is_file():
-        raise ParameterError(
-            "the parameter file does not exist",
-            got=str(path),
-            allowed="a file, or the name of one that comes with flowbothd_bringup, as fr3.yaml",
-        )
-    given = read_parameters(file)
-    unknown = sorted(set(given) - set(NODES))
-    if unknown:
-        raise ParameterError(
-            f"{path.name} has parameters of unknown nodes",
-            got=", ".join(unknown),
-            allowed=", ".join(NODES),
-        )
-    return given
-
-
-def _apply(parameters: Parameters, options: RealOptions) -> None:
+def _apply(parameters: Parameters, options: RobotOptions) -> None:
     arm, pump = parameters["arm_node"], parameters["pump_node"]
     arm["backend"] = options.backend
-    pump["backend"] = "recording" if options.backend == "recording" else "panda"
+    pump["backend"] = "mock" if options.backend == "mock" else "panda"
     if options.robot_ip:
         arm["panda.robot_ip"] = pump["robot_ip"] = options.robot_ip
     if options.model:

@@ -16,7 +16,7 @@ NODES = {"bridge_node": "sim_bridge.bridge_node", **DECIDING_NODES}
 
 @dataclass(frozen=True)
 class RunOptions:
-    """What differs from run to run.
+    """Options of one run.
 
     Attributes:
         seed: Run seed: mode, sensor noise, cloud sampling, prediction samples.

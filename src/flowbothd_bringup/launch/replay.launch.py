@@ -15,7 +15,7 @@ ARGUMENTS = {
     "rate": ("1.0", "speed"),
     "begin": ("0.0", "begin this long after the first message [s]"),
     "end": ("0.0", "end there [s]; 0: at its end"),
-    "loop": ("false", "begin anew at the end"),
+    "loop": ("false", "start over at the end"),
     "exclude": ("", "leave out topics that match this regular expression"),
     "perception": (
         "false",

@@ -39,11 +39,11 @@ class Environment:
 class Configuration:
     """Its value is looked up when the launch runs, not when the file is read."""
 
-    def __init__(self, name):
-        self.name = name
+    def __init__(self, name, *, default=None):
+        self.name, self.default = name, default
 
     def perform(self, context):
-        return context[self.name]
+        return context[self.name] if self.default is None else context.get(self.name, self.default)
 
 
 class Node:
@@ -70,14 +70,16 @@ def launch(monkeypatch):
         monkeypatch.setitem(sys.modules, name, module)
     monkeypatch.delitem(sys.modules, "flowbothd_bringup.launching", raising=False)
 
-    def run(file, **arguments):
+    def run(file, *, below="", **arguments):
         spec = importlib.util.spec_from_file_location("launch_file", FOLDER / file)
         module = importlib.util.module_from_spec(spec)
         spec.loader.exec_module(module)
         described = module.generate_launch_description()
         context = {a.name: a.default for a in described if isinstance(a, Declared)}
         assert set(arguments) <= set(context), "an argument that the file does not declare"
-        return described[-1].function(context | arguments)
+        # PushRosNamespace keeps the namespace among the launch configurations.
+        pushed = {"ros_namespace": below} if below else {}
+        return described[-1].function(context | arguments | pushed)
 
     yield run
     sys.modules.pop("flowbothd_bringup.launching", None)
@@ -94,7 +96,7 @@ def parameters_of(actions):
 
 
 def plain(parameters):
-    return {node: {"ros__parameters": values} for node, values in parameters.items()}
+    return {f"/**/{node}": {"ros__parameters": values} for node, values in parameters.items()}
 
 
 def test_simulation(launch):
@@ -114,25 +116,43 @@ def test_simulation(launch):
 def test_every_graph_can_be_recorded(launch):
     actions = launch("sim.launch.py", record="bags/one", profile="all")
     assert started(actions)["recorder_node"].package == "flowbothd_rosbag"
-    values = parameters_of(actions)["recorder_node"]["ros__parameters"]
+    values = parameters_of(actions)["/**/recorder_node"]["ros__parameters"]
     assert values == {"out": "bags/one", "profile": "all"}
 
 
 def test_robot(launch, tmp_path):
-    from flowbothd_bringup.robot_graph import NODES, RealOptions, real_parameters
+    from flowbothd_bringup.robot_graph import NODES, RobotOptions, robot_parameters
     from flowbothd_common.errors import ParameterError
 
     with pytest.raises(ParameterError):
-        launch("real.launch.py", backend="recording")
+        launch("robot.launch.py", backend="mock")
     lab = tmp_path / "lab.yaml"
     lab.write_text(
         "perception_node: {ros__parameters: {camera.position: [1.0, 0.0, 1.0], "
         "camera.quaternion: [0.0, 0.0, 0.0, 1.0]}}\n"
     )
-    actions = launch("real.launch.py", backend="recording", params=str(lab), speed="0.2")
+    actions = launch("robot.launch.py", backend="mock", params=str(lab), speed="0.2")
     assert set(started(actions)) == set(NODES)
-    options = RealOptions(backend="recording", files=(lab,), speed=0.2)
-    assert parameters_of(actions) == plain(real_parameters(options))
+    options = RobotOptions(backend="mock", files=(lab,), speed=0.2)
+    assert parameters_of(actions) == plain(robot_parameters(options))
+
+
+def test_below_a_namespace_the_files_of_a_lab_apply(launch, tmp_path):
+    """The incident: below PushRosNamespace a lab's dry_run was dropped without a word."""
+    from flowbothd_common.errors import ParameterError
+
+    lab = tmp_path / "lab.yaml"
+    camera = (
+        "perception_node: {ros__parameters: {camera.position: [1.0, 0.0, 1.0], "
+        "camera.quaternion: [0.0, 0.0, 0.0, 1.0]}}\n"
+    )
+    arguments = {"params": str(lab), "backend": "mock"}
+    for name in ("motion_node", "/left/motion_node"):
+        lab.write_text(camera + f"{name}: {{ros__parameters: {{safety.dry_run: true}}}}\n")
+        values = parameters_of(launch("robot.launch.py", below="/left", **arguments))
+        assert values["/**/motion_node"]["ros__parameters"]["safety.dry_run"] is True
+    with pytest.raises(ParameterError, match="/left/motion_node reach no node"):
+        launch("robot.launch.py", below="/right", **arguments)
 
 
 def test_replay(launch, tmp_path):
@@ -151,8 +171,8 @@ def test_replay(launch, tmp_path):
     actions = launch("replay.launch.py", bag=bag, rate="2.0", perception="true")
     assert set(started(actions)) == {"player_node", "perception_node"}
     values = parameters_of(actions)
-    assert values["perception_node"]["ros__parameters"] == {"seed": 7, "use_sim_time": True}
-    player = values["player_node"]["ros__parameters"]
+    assert values["/**/perception_node"]["ros__parameters"] == {"seed": 7, "use_sim_time": True}
+    player = values["/**/player_node"]["ros__parameters"]
     assert player["rate"] == 2.0 and "object_cloud" in player["exclude"]
     assert player["wait_for"] == ["/joint_states"]
     with pytest.raises(BagError, match="> 0"):

@@ -36,8 +36,15 @@ class InvalidCloudError(FlowBotError):
     """A point cloud is empty, not finite, or has the wrong shape or fields."""
 
 
+class InvalidMessageError(FlowBotError, ValueError):
+    """A message is incomplete, not finite, of another size, order or frame, or stamped wrongly.
+
+    Such a message counts as not received.
+    """
+
+
 class FrameUnavailableError(FlowBotError):
-    """A transform is missing, or a message is in a frame nobody has described."""
+    """A transform is missing, or a message is in an unknown frame."""
 
 
 class CheckpointError(FlowBotError):
@@ -49,7 +56,7 @@ class MotionRejectedError(FlowBotError):
 
 
 class SuctionError(FlowBotError):
-    """The pump did not do what it was told."""
+    """The pump did not carry out a command."""
 
 
 class ParameterError(FlowBotError, ValueError):

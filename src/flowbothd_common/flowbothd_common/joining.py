@@ -1,4 +1,4 @@
-"""Whether a trajectory goes on from the state that the arm is commanded to have."""
+"""Check that a trajectory continues the state that the arm is commanded to have."""
 
 from __future__ import annotations
 

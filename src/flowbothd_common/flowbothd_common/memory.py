@@ -1,4 +1,4 @@
-"""Memory for messages of megabytes: kept by the process rather than fetched anew for each."""
+"""Memory for messages of megabytes: kept by the process, not requested for each one."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ def keep_freed_memory() -> bool:
     as everything that is done with its points.
 
     Returns:
-        Whether the C library can be told so; without, things are slower and nothing else.
+        True if the C library supports it; without it, messages only take longer.
     """
     try:
         mallopt = ctypes.CDLL(None).mallopt

@@ -1,4 +1,4 @@
-"""What is asked of the arm and what comes back: goals, trajectories, observations, results."""
+"""Goals given to the arm and what it returns: trajectories, observations, results."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from flowbothd_common.types import Array, JointArc
+from flowbothd_common.types import Array, JointEstimate
 
 
 class MotionKind(StrEnum):
@@ -51,14 +51,14 @@ class MotionGoal:
         direction: (3,) unit vector. Approach: the flow at the contact, the tool comes from that
             side. Probe: direction of travel. Flow step: the flow to follow. Retreat: unused.
         distance: How far [m]; 0 = the default of the motion's parameters.
-        arc: How the part is expected to move, if anything is known.
+        joint: How the part is expected to move, if anything is known.
     """
 
     kind: MotionKind
     contact: Array | None = None
     direction: Array | None = None
     distance: float = 0.0
-    arc: JointArc | None = None
+    joint: JointEstimate | None = None
 
 
 @dataclass(frozen=True)
@@ -82,7 +82,7 @@ class JointTrajectory:
 
 @dataclass(frozen=True)
 class RobotObservation:
-    """What is measured of the robot at one instant.
+    """Measurements of the robot at one instant.
 
     Attributes:
         time: Node clock [s].
@@ -100,6 +100,17 @@ class RobotObservation:
     wrench: Array | None = None
     vacuum: bool = False
     vacuum_lost: bool = False
+
+    def problem(self) -> str:
+        """Return which values are not finite, in words; empty if all are."""
+        parts: dict[str, Array | float] = {
+            "time": self.time,
+            "joint positions": self.positions,
+            "joint velocities": self.velocities,
+            "wrench": 0.0 if self.wrench is None else self.wrench,
+        }
+        bad = [name for name, values in parts.items() if not np.isfinite(values).all()]
+        return f"{', '.join(bad)} not finite" if bad else ""
 
 
 @dataclass(frozen=True)

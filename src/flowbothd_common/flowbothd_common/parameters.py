@@ -31,7 +31,7 @@ Value = (
 
 @dataclass(frozen=True)
 class Specification:
-    """What is declared of one parameter.
+    """Declaration of one parameter.
 
     Attributes:
         name: Full dotted name.
@@ -72,7 +72,7 @@ class Specification:
 
     @property
     def allowed(self) -> str:
-        """What values are allowed, in words; empty if any."""
+        """Allowed values in words; empty if any value is allowed."""
         if self.choices:
             return ", ".join(self.choices)
         parts = []
@@ -132,19 +132,26 @@ def specifications(cls: type, prefix: str = "") -> Iterator[Specification]:
 def _fits(kind: type, value: object) -> bool:
     if kind is float:
         # A whole number is accepted for a float from Python and from files; ROS itself is stricter.
-        return (
-            isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-        )
+        return isinstance(value, int | float) and not isinstance(value, bool)
     if kind is int:
         return isinstance(value, int) and not isinstance(value, bool)
     return isinstance(value, kind)
+
+
+def _is_finite(value: float) -> bool:
+    try:
+        return math.isfinite(value)
+    except OverflowError:
+        # A whole number beyond every float; YAML has such.
+        return False
 
 
 def checked(spec: Specification, value: object) -> Value:
     """Return `value` in the type of the specification.
 
     Raises:
-        ParameterError: wrong type, out of range, not among the choices, or of the wrong length.
+        ParameterError: wrong type, not finite, out of range, not among the choices, or of the
+            wrong length.
     """
     is_array = isinstance(spec.default, tuple)
     if is_array != (isinstance(value, Sequence) and not isinstance(value, str)):
@@ -158,6 +165,12 @@ def checked(spec: Specification, value: object) -> Value:
                 f"parameter {spec.name} has the wrong type",
                 got=repr(value),
                 allowed=f"{spec.type_name} {spec.allowed}".strip(),
+            )
+        if spec.kind is float and not _is_finite(element):
+            raise ParameterError(
+                f"parameter {spec.name} is not finite",
+                got=repr(value),
+                allowed=", ".join(filter(None, ["finite numbers", spec.allowed])),
             )
         low = spec.minimum is not None and element < spec.minimum
         high = spec.maximum is not None and element > spec.maximum

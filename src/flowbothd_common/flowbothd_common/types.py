@@ -1,4 +1,4 @@
-"""Value types that cross package borders: clouds with flow, joint arcs, suction, outcomes."""
+"""Value types that cross package borders: clouds with flow, joint estimates, suction, outcomes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from flowbothd_common.errors import InvalidCloudError
 
 Array = NDArray[np.float64]
-"""Any float64 array; shapes are told in docstrings."""
+"""Any float64 array; shapes are given in docstrings."""
 
 Cloud = NDArray[np.float32]
 """Points or flows, (N, 3) float32."""
@@ -70,7 +70,7 @@ class History:
 
 
 class Outcome(StrEnum):
-    """How a run ended; one vocabulary for policy, demo and evaluation."""
+    """Outcome of a run; one vocabulary for policy, demo and evaluation."""
 
     OPENED = "opened"
     NOT_OPENED = "not_opened"
@@ -82,24 +82,24 @@ class Outcome(StrEnum):
     ERROR = "error"
 
 
-class ArcKind(StrEnum):
-    """What kind of motion a part is thought to make."""
+class JointKind(StrEnum):
+    """Kind of joint that a part is thought to move on."""
 
-    LINE = "line"
-    ARC = "arc"
+    PRISMATIC = "prismatic"
+    REVOLUTE = "revolute"
 
 
 @dataclass(frozen=True)
-class JointArc:
-    """A motion without pitch: along a line, or about an axis.
+class JointEstimate:
+    """Estimated motion of a part: a translation along an axis, or a rotation about one.
 
     Attributes:
-        kind: Line or arc.
+        kind: Prismatic or revolute.
         axis: (3,) unit vector: direction of travel, or rotation axis (right-hand rule).
-        point: (3,) a point on the rotation axis [m]; zero and unused for a line.
+        point: (3,) a point on the rotation axis [m]; zero and unused if prismatic.
     """
 
-    kind: ArcKind
+    kind: JointKind
     axis: Array
     point: Array
 
@@ -116,17 +116,17 @@ class SuctionPhase(StrEnum):
 
 @dataclass(frozen=True)
 class SuctionReading:
-    """What the pump measures.
+    """Measurement of the pump.
 
     Attributes:
-        pressure: Vacuum below ambient, >= 0 [Pa].
+        vacuum: Vacuum below ambient, >= 0 [Pa].
         part_present: A part seals the cup.
         part_detached: A part was held in this cycle and has come off.
         fault: Empty, or what is wrong with the pump.
         in_control_range: The vacuum is within the set-point's band.
     """
 
-    pressure: float = 0.0
+    vacuum: float = 0.0
     part_present: bool = False
     part_detached: bool = False
     fault: str = ""

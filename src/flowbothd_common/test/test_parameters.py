@@ -36,7 +36,11 @@ def test_groups_are_dotted_and_flatten_inverts_build():
     [
         ({"rate": 1000.0}, "0.1 <= x <= 100"),
         ({"rate": "fast"}, "double"),
-        ({"rate": float("nan")}, "double"),
+        ({"rate": float("nan")}, "rate is not finite"),
+        ({"rate": float("-inf")}, "rate is not finite"),
+        ({"rate": 10**400}, "rate is not finite"),
+        ({"crop.corner": [0.0, float("nan"), 1.0]}, "crop.corner is not finite"),
+        ({"count": float("nan")}, "integer"),
         ({"count": 3.5}, "integer"),
         ({"count": True}, "integer"),
         ({"mode": "video"}, "depth, cloud"),

@@ -9,7 +9,7 @@ from flowbothd_common.errors import InvalidCloudError, MotionRejectedError, Para
 from flowbothd_common.motion import MotionKind, MotionReason, MotionResult
 from flowbothd_common.parameters import group, parameter
 from flowbothd_common.transforms import rotation_from_rpy, transform
-from flowbothd_common.types import ArcKind, History, JointArc
+from flowbothd_common.types import History, JointEstimate, JointKind
 
 pytest.importorskip("rclpy", reason="ROS is not installed")
 pytestmark = pytest.mark.ros
@@ -124,11 +124,11 @@ def test_results_and_arcs_round_trip():
     np.testing.assert_allclose(back.tool_start, result.tool_start, atol=1e-12)
     np.testing.assert_allclose(back.tool_motion, result.tool_motion)
     assert (back.kind, back.reason, back.vacuum) == (result.kind, result.reason, True)
-    arc = JointArc(ArcKind.ARC, np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0]))
-    again = conversions.from_arc(conversions.to_arc(arc))
-    assert again.kind is ArcKind.ARC
-    np.testing.assert_array_equal(again.point, arc.point)
-    assert conversions.from_arc(conversions.to_arc(None)) is None
+    joint = JointEstimate(JointKind.REVOLUTE, np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0]))
+    again = conversions.from_joint_estimate(conversions.to_joint_estimate(joint))
+    assert again.kind is JointKind.REVOLUTE
+    np.testing.assert_array_equal(again.point, joint.point)
+    assert conversions.from_joint_estimate(conversions.to_joint_estimate(None)) is None
 
 
 def test_goals_without_a_direction_are_refused():

@@ -10,6 +10,7 @@ pytest.importorskip("rclpy", reason="ROS is not installed")
 from flowbothd_common.errors import ParameterError
 from flowbothd_common.types import Outcome
 from flowbothd_evaluation.paper import tables_command
+from flowbothd_evaluation.paper.methods import METHODS
 from flowbothd_evaluation.paper.suites import PAPER_ROWS
 from flowbothd_evaluation.paper.tables import _paper, compare, paper_row, rows_of, wilson
 from flowbothd_evaluation.paper.tables_text import (
@@ -167,12 +168,39 @@ def test_the_command_writes_one_report(tmp_path, capsys):
     results.write_text("".join(json.dumps(line) + "\n" for line in lines))
     out = tmp_path / "report"
     assert tables(str(results), "--out", str(out), "--no-analyses") == 0
-    assert "FlowBotHD" in capsys.readouterr().out
+    assert "FlowBotHD, our one-step variant" in capsys.readouterr().out
     page = (out / "README.md").read_text()
-    assert "FlowBotHD against the others" in page and "below 1" in page
+    assert "### FlowBotHD, our one-step variant, against the others" in page and "below 1" in page
+    assert "implicit maximum likelihood" in page
     for picture in (line.split("](")[1].rstrip(")") for line in page.splitlines() if "![" in line):
         assert (out / picture).stat().st_size > 1000
     assert r"\begin{tabular}" in (out / "tables.tex").read_text()
+
+
+def test_a_title_says_whose_network_it_is():
+    """One-step models stood in the tables as FlowBotHD, next to the numbers of its diffusion."""
+    shipped, other, truth = rows_of(
+        [record(), record("flowbot3d-md", weights="runs/mine"), record("oracle", weights="")]
+    )
+    assert shipped.title == "FlowBotHD, our one-step variant"
+    assert other.title == "FlowBot3D (MD), weights runs/mine"
+    assert truth.title == "Ground truth"
+    head = comparison_table(shipped, [compare(shipped, other)])
+    assert head[0][0].startswith("FlowBotHD, our one-step variant [SG+CC+HF]")
+    assert head[1][0] == "FlowBot3D (MD), weights runs/mine [SG]"
+
+
+@pytest.mark.parametrize("name", [m.name for m in METHODS.values() if m.weights])
+def test_shipped_weights_are_what_their_title_says(name):
+    from flowbothd_model.checkpoint import read_checkpoint
+    from flowbothd_model.config import Schedule
+    from flowbothd_model.predictor import find_weights
+
+    chosen = METHODS[name]
+    config = read_checkpoint(find_weights(chosen.weights)).config
+    implicit = config.diffusion.schedule is Schedule.IMPLICIT
+    assert ("one-step" in chosen.titled()) == implicit
+    assert config.sampling_steps == 1
 
 
 def test_two_weights_are_not_mixed_in_one_row(tmp_path):

@@ -188,7 +188,7 @@ def run_with() -> Callable[..., tuple[RunRecord, Disturbed]]:
                 # Whatever is left of the vacuum is vented: what counts is what the pump is told.
                 world.step(240)
                 reading = world.suction()
-                pump.append((reading.pressure, reading.part_present))
+                pump.append((reading.vacuum, reading.part_present))
                 close()
 
             world.close = closing
@@ -230,7 +230,7 @@ def test_a_spike_of_force_stops_and_latches_and_the_policy_gives_up(run_with: Ca
     record, _ = run_with(SpikesForce, force_limit=40.0)
     assert reasons(record, "approach")[0] == "force_limit"
     assert set(reasons(record, "retreat") + reasons(record, "approach")[1:]) <= {"rejected"}
-    assert "motion/release" in str([entry["message"] for entry in record.motions])
+    assert "motion/clear_stop" in str([entry["message"] for entry in record.motions])
     assert record.summary()["outcome"] != "opened"
 
 

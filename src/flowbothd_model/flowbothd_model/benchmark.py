@@ -1,4 +1,4 @@
-"""`flowbothd bench model`: seconds per sample beside the arithmetic floor, interleaved in one run.
+"""`flowbothd bench model`: seconds per sample next to the arithmetic floor, interleaved in one run.
 
 The yardstick is the arithmetic of one forward pass of the published network on 1200 points,
 without any geometry; one published sample of 100 steps costs 107 of them (measured side by side

@@ -21,7 +21,7 @@ _FORMAT = "flowbothd-1"
 
 @dataclass(frozen=True)
 class Checkpoint:
-    """What a file of weights holds.
+    """Contents of a file of weights.
 
     Attributes:
         config: Of the model.

@@ -15,14 +15,14 @@ class Architecture(StrEnum):
 
 
 class Target(StrEnum):
-    """What the network predicts."""
+    """Target of the network's prediction."""
 
     EPSILON = "epsilon"
     FLOW = "flow"
 
 
 class Schedule(StrEnum):
-    """How signal and noise are mixed."""
+    """Mixing of signal and noise over the steps."""
 
     DDPM_LINEAR = "ddpm_linear"
     STRAIGHT = "straight"
@@ -30,7 +30,7 @@ class Schedule(StrEnum):
 
 
 class Frame(StrEnum):
-    """What is done to a cloud before the network sees it."""
+    """Transformation of a cloud before it enters the network."""
 
     WORLD = "world"
     CENTRED = "centred"

@@ -1,4 +1,4 @@
-"""What is done to a cloud before the network sees it, and how flows are normalised."""
+"""Normalisation of clouds before they enter the network, and of flows."""
 
 from __future__ import annotations
 

@@ -23,8 +23,8 @@ class FlowErrors:
         rmse: (S,) root mean square error norm.
         magnitude: (S,) mean difference of the lengths, absolute.
         squared: (S,) mean squared error over all points, by which the winner is chosen.
-        field: (S,) cosine of the whole fields as vectors of 3 N numbers. It alone tells a closed
-            door's left hinge from its right one: every point begins to move the same way.
+        field: (S,) cosine of the whole fields as vectors of 3 N numbers. It alone distinguishes a
+            closed door's left hinge from its right one: every point begins to move the same way.
     """
 
     cosine: Tensor

@@ -108,7 +108,7 @@ class Predictor:
 
 
 def canonical_order(cloud: Cloud) -> NDArray[np.int64]:
-    """(N,) indices that bring a cloud into an order of its own: the same for every shuffling.
+    """(N,) indices that sort a cloud: the same order for every shuffling.
 
     Sorted by coordinates, then shuffled by a fixed seed, since the published network keeps the
     first 64 neighbours by index and expects these to be a random choice.
@@ -136,7 +136,7 @@ def load(path: str | Path, device: torch.device | str = "cpu") -> Predictor:
 
 
 def find_weights(path: str | Path) -> Path:
-    """Where a model lies: as given, in FLOWBOTHD_MODELS, the installed share, or the repository.
+    """Find a model: as given, in FLOWBOTHD_MODELS, the installed share, or the repository.
 
     Raises:
         CheckpointError: nowhere; the message lists the places.

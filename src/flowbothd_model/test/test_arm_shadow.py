@@ -1,4 +1,4 @@
-"""What the arm hides of an object that it touches."""
+"""Part of an object that the touching arm hides."""
 
 import numpy as np
 import pytest

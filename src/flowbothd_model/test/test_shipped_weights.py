@@ -10,6 +10,7 @@ import torch
 from flowbothd_common.types import History
 from flowbothd_model import load
 from flowbothd_model.benchmark import example_cloud
+from flowbothd_model.config import Schedule
 from flowbothd_model.evaluate import mode_flows
 from flowbothd_model.metrics import flow_errors
 
@@ -25,6 +26,9 @@ def test_a_card_names_these_very_bytes(path):
     card = (path.parent / "card.md").read_text(encoding="utf-8")
     assert hashlib.sha256(path.read_bytes()).hexdigest() in card
     assert "Licence" in card
+    objective = load(path).config.diffusion.schedule
+    words = "implicit maximum likelihood" if objective is Schedule.IMPLICIT else "regression"
+    assert "One-step model" in card and words in card.split("- **Licence**")[0]
 
 
 @each_full_model

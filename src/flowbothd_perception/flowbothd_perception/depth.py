@@ -16,7 +16,7 @@ _LARGEST = 8192
 
 @dataclass(frozen=True)
 class Lens:
-    """Intrinsics of a depth camera, as camera_info tells them.
+    """Intrinsics of a depth camera, as in camera_info.
 
     Attributes:
         width: [pixels].
@@ -51,7 +51,7 @@ class Lens:
                 hint="check the camera driver; intrinsics are never guessed",
             )
         if len(self.distortion) not in (0, 4, 5, 8):
-            # Orbbec's driver calls its 8 coefficients plumb_bob: their number tells, not the name.
+            # Orbbec's driver calls its 8 coefficients plumb_bob: the number decides, not the name.
             raise InvalidCloudError(
                 "distortion model is not supported",
                 got=f"{len(self.distortion)} coefficients",

@@ -23,14 +23,14 @@ _AGREEMENT = 0.01
 
 
 class Frame(Protocol):
-    """What was measured, pixel by pixel."""
+    """Measurements, pixel by pixel."""
 
     @property
     def shape(self) -> tuple[int, int]:
         """Rows and columns; one row for a loose cloud."""
 
     def measured(self) -> int:
-        """How many pixels measured something."""
+        """Number of pixels with a measurement."""
 
     def inside(self, T_base_camera: Array, params: CropParams) -> Indices:
         """Pixels whose points lie in the workspace, ascending."""
@@ -63,7 +63,7 @@ class Optics:
         self._crop: tuple[tuple[bytes, CropParams, float], DepthCrop] | None = None
 
     def crop(self, T_base_camera: Array, params: CropParams, max_depth: float) -> DepthCrop:
-        """The workspace as limits of every pixel's depth; made anew only when it changes."""
+        """The workspace as limits of every pixel's depth; computed only when it changes."""
         key = (T_base_camera.tobytes(), params, max_depth)
         if self._crop is None or self._crop[0] != key:
             self._crop = key, DepthCrop(self.rays, T_base_camera, params, max_depth)
@@ -104,7 +104,7 @@ class DepthFrame:
         return self._optics.shape
 
     def measured(self) -> int:
-        """How many pixels measured something."""
+        """Number of pixels with a measurement."""
         if self._depth.dtype == np.uint16:
             return int(np.count_nonzero(self._depth))
         return int(np.count_nonzero((self._depth > 0) & (self._depth < np.float32(np.inf))))
@@ -154,7 +154,7 @@ class CloudFrame:
         self._max_depth = max_depth
 
     def measured(self) -> int:
-        """How many points were measured."""
+        """Number of measured points."""
         return int(np.count_nonzero((self._z > 0) & (self._z < np.float32(np.inf))))
 
     def inside(self, T_base_camera: Array, params: CropParams) -> Indices:

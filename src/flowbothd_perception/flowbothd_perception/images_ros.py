@@ -61,7 +61,7 @@ class FrameReader:
         return DepthFrame(from_depth_image(message), self._optics, self._max_depth)
 
     def _shaped(self, message: AnyCloud) -> NDArray[np.float32]:
-        """(H, W, 3); some drivers flatten an organised cloud, which the intrinsics' size tells."""
+        """(H, W, 3); the intrinsics' size restores an organised cloud that a driver flattened."""
         values = clouds.from_cloud_message(message, clouds.XYZ)
         lens = self._lens
         if values.shape[0] == 1 and lens and values.shape[1] == lens.width * lens.height:

@@ -16,29 +16,35 @@ class JointBuffer:
 
     Args:
         names: Joints wanted, in order.
-        gap: Longest time between two states to interpolate over [s].
-        still: Longer gaps are bridged too where no joint moved by more than this [rad] in them.
-        reach: How far beyond the first or last state positions are extrapolated [s].
+        max_gap: Longest time between two states to interpolate over [s].
+        stationary_threshold: Longer gaps are bridged, too, where no joint moved by more than this
+            [rad] in them.
+        max_extrapolation: How far beyond the first or last state positions are extrapolated [s].
         length: States kept.
     """
 
     def __init__(
         self,
         names: Sequence[str],
-        gap: float = 0.1,
-        still: float = 0.01,
-        reach: float = 0.02,
+        max_gap: float = 0.1,
+        stationary_threshold: float = 0.01,
+        max_extrapolation: float = 0.02,
         length: int = 2000,
     ) -> None:
-        self._names, self._gap, self._still = tuple(names), gap, still
-        self._reach, self._length = reach, length
+        self._names, self._max_gap, self._stationary = tuple(names), max_gap, stationary_threshold
+        self._max_extrapolation, self._length = max_extrapolation, length
         self._stamps: list[float] = []
         self._positions: list[Array] = []
         self._given: tuple[str, ...] = ()
         self._order: list[int] = []
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Joints wanted, in order."""
+        return self._names
+
     def add(self, stamp: float, names: Sequence[str], positions: Sequence[float]) -> None:
-        """Take in one joint state; a stamp before the last one starts the buffer anew.
+        """Take in one joint state; a stamp before the last one empties the buffer.
 
         Raises:
             KeyError: a wanted joint is missing; the message lists which.
@@ -64,17 +70,17 @@ class JointBuffer:
             del self._stamps[: self._length // 2], self._positions[: self._length // 2]
 
     def reaches(self, stamp: float) -> bool:
-        """Whether states new enough for `stamp` have arrived; if not, it may pay to wait."""
-        return bool(self._stamps) and self._stamps[-1] + self._reach >= stamp
+        """Return whether states new enough for `stamp` have arrived; if not, waiting may help."""
+        return bool(self._stamps) and self._stamps[-1] + self._max_extrapolation >= stamp
 
     def at(self, stamp: float) -> tuple[Array | None, str]:
         """(J,) joint positions at a time, linearly interpolated; or None and why not."""
         if not self._stamps:
             return None, "no joint states yet"
         late, early = stamp - self._stamps[-1], self._stamps[0] - stamp
-        if late > self._reach:
+        if late > self._max_extrapolation:
             return None, f"joint states end {late:.3f} s before the image"
-        if early > self._reach:
+        if early > self._max_extrapolation:
             return None, f"joint states begin {early:.3f} s after the image"
         if len(self._stamps) == 1:
             return self._positions[0].copy(), ""
@@ -82,6 +88,6 @@ class JointBuffer:
         start, end = self._stamps[after - 1], self._stamps[after]
         before = self._positions[after - 1]
         step = self._positions[after] - before
-        if end - start > self._gap and float(np.max(np.abs(step))) > self._still:
+        if end - start > self._max_gap and float(np.max(np.abs(step))) > self._stationary:
             return None, f"no joint states for {end - start:.3f} s around the image"
         return before + (stamp - start) / (end - start) * step, ""

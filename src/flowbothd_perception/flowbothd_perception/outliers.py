@@ -43,11 +43,11 @@ def on_surface(
         unit: Of the depths [m].
         pixels: (n,) flat indices of those to judge.
         pitch: Angle between neighbouring pixels [rad].
-        params: Support and tolerance; support 0 keeps every pixel.
+        params: min_depth_neighbors and tolerance; min_depth_neighbors 0 keeps every pixel.
     """
     height, width = depth.shape
     side = 2 * _REACH + 1
-    if params.support < 1 or not len(pixels) or height < side or width < side:
+    if params.min_depth_neighbors < 1 or not len(pixels) or height < side or width < side:
         return np.ones(len(pixels), dtype=bool)
     rows, columns = np.divmod(pixels, width)
     # At the border the window is shifted inwards: it always has 25 pixels.
@@ -66,7 +66,7 @@ def on_surface(
     with np.errstate(invalid="ignore", over="ignore"):
         for offset in (*half, *-half):
             support += np.abs(flat[centre + offset] - own) <= band
-        keep = support >= params.support
+        keep = support >= params.min_depth_neighbors
         rest = np.flatnonzero(~keep)
         centre, own, band = centre[rest], own[rest], band[rest]
         pairs = np.zeros(len(rest), dtype=np.int16)
@@ -86,12 +86,12 @@ def inliers(points: Cloud, params: OutlierParams) -> NDArray[np.bool_]:
     """
     count = len(points)
     keep = np.ones(count, dtype=bool)
-    if not params.neighbours or count <= params.neighbours + 1:
+    if not params.nb_neighbors or count <= params.nb_neighbors + 1:
         return keep
-    distances, indices = cKDTree(points).query(points, k=params.neighbours + 1)
+    distances, indices = cKDTree(points).query(points, k=params.nb_neighbors + 1)
     mean = distances[:, 1:].mean(axis=1)
-    keep = mean <= mean.mean() + params.deviations * mean.std()
-    if params.cluster > 0:
+    keep = mean <= mean.mean() + params.std_ratio * mean.std()
+    if params.cluster_tolerance > 0:
         keep &= _in_large_cluster(distances, indices, params)
     return np.asarray(keep)
 
@@ -115,7 +115,9 @@ def _in_large_cluster(
     count, each = len(indices), indices.shape[1] - 1
     # A neighbour that is too far off is replaced by the point itself: rows of equal length need no
     # sorting.
-    near = np.where(distances[:, 1:] < params.cluster, indices[:, 1:], np.arange(count)[:, None])
+    near = np.where(
+        distances[:, 1:] < params.cluster_tolerance, indices[:, 1:], np.arange(count)[:, None]
+    )
     links = np.ones(near.size, dtype=np.int8), near.ravel(), np.arange(0, near.size + 1, each)
     graph = csr_matrix(links, shape=(count, count))
     labels = connected_components(graph, directed=True, connection="weak")[1]

@@ -1,4 +1,4 @@
-"""What perception publishes: the object cloud, and on demand what became of every pixel."""
+"""Publishers of perception: the object cloud, and on demand the class of every pixel."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ class CloudOutputs:
 
     @property
     def whole(self) -> bool:
-        """Whether anybody wants to know about every pixel."""
+        """True while somebody subscribes to a topic that needs every pixel."""
         return any(
             publisher.get_subscription_count()
             for publisher in (self._organised, *self._removed.values())

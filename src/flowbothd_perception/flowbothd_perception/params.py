@@ -35,7 +35,7 @@ class CropParams:
 
 @dataclass(frozen=True)
 class RobotFilterParams:
-    """How points on the robot are told from points on the object."""
+    """Separation of points on the robot from points on the object."""
 
     padding: float = parameter(
         0.02, "distance from a link within which points are the robot's [m]", minimum=0.0
@@ -89,7 +89,7 @@ class OutlierParams:
         "never less than sampling.points",
         minimum=1,
     )
-    support: int = parameter(
+    min_depth_neighbors: int = parameter(
         8,
         "of the 24 pixels around a pixel, how many must be as far away, unless it lies on a slope; "
         "0 = not asked",
@@ -105,22 +105,23 @@ class OutlierParams:
         "equally far, where that is more than the tolerance",
         minimum=0.0,
     )
-    neighbours: int = parameter(
+    nb_neighbors: int = parameter(
         12, "neighbours whose mean distance is judged; 0 = no outlier removal", minimum=0
     )
-    deviations: float = parameter(
+    std_ratio: float = parameter(
         3.0,
-        "points farther from their neighbours than the mean by this many standard deviations go",
+        "points whose mean neighbour distance exceeds the average by this many standard deviations "
+        "are removed",
         minimum=0.0,
     )
-    cluster: float = parameter(
+    cluster_tolerance: float = parameter(
         0.03,
         "points are one cluster while gaps are smaller than this [m]; 0 = keep all clusters",
         minimum=0.0,
     )
     cluster_share: float = parameter(
         0.02,
-        "clusters with less than this share of all points go",
+        "clusters with less than this share of all points are removed",
         minimum=0.0,
         maximum=1.0,
     )
@@ -145,7 +146,7 @@ class PipelineParams:
 
 @dataclass(frozen=True)
 class CameraParams:
-    """Where the camera is; calibrated, never guessed."""
+    """Pose and topics of the camera; the pose is calibrated, never guessed."""
 
     position: tuple[float, ...] = parameter(
         (), "position of the optical frame in base [m], 3 values; required", element=float
@@ -194,15 +195,15 @@ class PerceptionNodeParams(PipelineParams):
         choices=("depth", "cloud"),
     )
     max_depth: float = parameter(3.0, "farther measurements are dropped [m]", minimum=0.1)
-    joint_gap: float = parameter(
+    max_gap: float = parameter(
         0.1, "longest gap between joint states to interpolate over [s]", minimum=0.001
     )
-    joint_still: float = parameter(
+    stationary_threshold: float = parameter(
         0.01,
         "longer gaps are bridged where no joint moved by more than this [rad]",
         minimum=0.0,
     )
-    joint_reach: float = parameter(
+    max_extrapolation: float = parameter(
         0.02, "how far joint positions are extrapolated to the time of an image [s]", minimum=0.0
     )
     joint_wait: float = parameter(

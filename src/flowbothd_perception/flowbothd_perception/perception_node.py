@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Callable
 from typing import Any
 
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from sensor_msgs.msg import CameraInfo, Image, JointState, PointCloud2
 from std_msgs.msg import String
 
-from flowbothd_common.errors import FlowBotError
-from flowbothd_common.ros import diagnostics, qos
+from flowbothd_common.errors import InvalidMessageError
+from flowbothd_common.ros import diagnostics, qos, received
 from flowbothd_common.ros.conversions import to_seconds
+from flowbothd_common.ros.guard import Guard
 from flowbothd_common.ros.liveness import Silence
 from flowbothd_common.ros.node_main import run_node
 from flowbothd_common.ros.parameters import declare
@@ -42,27 +41,20 @@ class PerceptionNode(Node):
         self._reader = FrameReader(params.camera.frame, params.max_depth)
         self._waiting: WaitingFrames[Image | AnyCloud] = WaitingFrames(params.joint_wait)
         self._statistics = FrameStatistics()
-        self._trouble: dict[str, str] = {}
-        self._try_to_process = self._guarded("frame", self._process)
+        self._guard = Guard(self, refusals=(KeyError, ValueError))
         self._remark = ""
-        self._status = diagnostics.NodeStatus(self)
+        self._status = diagnostics.NodeStatus(self, self._guard)
         self._heard_joints = Silence(params.joint_timeout)
         self._heard_camera = Silence(params.image_timeout)
         self._outputs = CloudOutputs(self, params.base_frame)
         self._create_inputs()
-        # The steady clock runs on when the simulation, and with it the node clock, is gone.
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._timer = self.create_timer(0.1, self._on_timer, clock=steady)
+        self._guard.every(0.1, self._on_timer)
 
     def _create_inputs(self) -> None:
         camera = self._params.camera
         profile = qos.FRAMES_BEST_EFFORT if camera.best_effort else qos.FRAMES
 
-        def listen(
-            kind: type, topic: str, callback: Callable[[Any], None], quality: Any, raw: bool = False
-        ) -> None:
-            self.create_subscription(kind, topic, self._guarded(topic, callback), quality, raw=raw)
-
+        listen = self._guard.subscribe
         listen(String, "robot_description", self._on_description, qos.LATCHED)
         listen(JointState, "joint_states", self._on_joints, qos.STATE_NEWEST)
         listen(CameraInfo, camera.info_topic, self._on_info, profile)
@@ -73,26 +65,6 @@ class PerceptionNode(Node):
             # Clouds do without the intrinsics, but a flattened one gets its shape back from them.
             self._camera_topics = (camera.cloud_topic,)
             listen(PointCloud2, camera.cloud_topic, self._on_cloud, profile, raw=True)
-
-    def _guarded(self, topic: str, callback: Callable[[Any], None]) -> Callable[[Any], None]:
-        """The callback, but what is wrong with a message is told and kept from the executor."""
-
-        def guarded(message: Any) -> None:
-            try:
-                callback(message)
-            except (FlowBotError, KeyError, ValueError) as error:
-                self._trouble[topic] = f"{topic}: {error.args[0] if error.args else error!r}"
-            except Exception as error:
-                if not self.context.ok():
-                    return  # SIGTERM took the publishers away in the middle of a frame.
-                # Whatever a driver sends must not end the node; this says where to look.
-                if not self._trouble.get(topic):
-                    self.get_logger().error(f"{topic}: {error!r}")
-                self._trouble[topic] = f"{topic}: unexpected {error!r}"
-            else:
-                self._trouble.pop(topic, None)
-
-        return guarded
 
     def destroy_node(self) -> None:
         """Stop the heartbeat before its publisher goes."""
@@ -106,15 +78,28 @@ class PerceptionNode(Node):
         self._description, self._pipeline, self._joints = "", None, None
         self._pipeline = pipeline = PerceptionPipeline(params, message.data)
         self._joints = JointBuffer(
-            pipeline.joint_names, params.joint_gap, params.joint_still, params.joint_reach
+            pipeline.joint_names,
+            params.max_gap,
+            params.stationary_threshold,
+            params.max_extrapolation,
         )
         self._description = message.data
 
     def _on_joints(self, message: JointState) -> None:
         if self._joints is None:
             return
+        names = self._joints.names
+        first = not self._heard_joints.ever("joint_states")
+        values = received.joint_state(message, names, expected=first)
+        if values is None:
+            return
+        stamp = to_seconds(message.header.stamp)
+        if stamp <= 0.0:
+            raise InvalidMessageError(
+                "joint state without a stamp", hint="frames are matched with joint states by time"
+            )
+        self._joints.add(stamp, names, values[0].tolist())
         self._heard_joints.heard("joint_states")
-        self._joints.add(to_seconds(message.header.stamp), message.name, message.position)
         self._process_waiting()
 
     def _on_info(self, message: CameraInfo) -> None:
@@ -142,7 +127,7 @@ class PerceptionNode(Node):
             if positions is None:
                 self._drop(why)
             else:
-                self._try_to_process((message, arrived, positions))
+                self._guard.take("frame", self._process, (message, arrived, positions))
 
     def _drop(self, why: str) -> None:
         self._remark = f"frame dropped: {why}"
@@ -178,7 +163,7 @@ class PerceptionNode(Node):
         figures = self._statistics.figures(time.monotonic())
         missing = self._missing()
         wrong = [f"missing: {', '.join(missing)}"] if missing else []
-        wrong += self._trouble.values()
+        wrong += self._guard.troubles()
         if wrong:
             self._status.report(diagnostics.ERROR, "; ".join(wrong), figures)
         elif self._remark:
@@ -188,7 +173,7 @@ class PerceptionNode(Node):
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the node until it is told to stop."""
+    """Run the node until it is stopped."""
     return run_node(PerceptionNode, args)
 
 

@@ -1,4 +1,4 @@
-"""The whole way from a frame to the object cloud."""
+"""All stages from a frame to the object cloud."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ _Mask = NDArray[np.bool_]
 
 
 class Verdict(IntEnum):
-    """What a pixel was taken for."""
+    """Class that a pixel was assigned to."""
 
     OUTSIDE = 0
     """Nothing measured, or outside the workspace."""
@@ -155,7 +155,7 @@ class PerceptionPipeline:
     def _verdicts(self, look: _Look, inlying: Cloud) -> NDArray[np.uint8]:
         """(H, W) what every pixel is; stragglers are what lies far from all inlying points."""
         points, on_robot, steady = self._judge(look, np.arange(len(look.pixels)))
-        cluster = self._params.outliers.cluster
+        cluster = self._params.outliers.cluster_tolerance
         if cluster > 0:
             steady &= beside(points, inlying, cluster)
         result = np.zeros(look.frame.shape, dtype=np.uint8)

@@ -22,7 +22,7 @@ _LITTLE_ENDIAN_CDR = b"\x00\x01"
 
 @dataclass(frozen=True)
 class RawCloud:
-    """What a PointCloud2 says, its data a view of the received bytes; names as in the message."""
+    """Contents of a PointCloud2, its data a view of the received bytes; names as in the message."""
 
     header: Header
     height: int

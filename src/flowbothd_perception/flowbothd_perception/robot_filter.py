@@ -26,7 +26,7 @@ class _Part:
         link: Name of the link.
         frame: Index of the shape among the model's geometry objects.
         solid: Padded.
-        shadow: What casts its shadow, with a padding of its own; None if shadows are not wanted.
+        shadow: Solids that cast the shadow, with their own padding; None without shadows.
     """
 
     link: str

@@ -62,7 +62,7 @@ class Hull:
     def distance(self, points: Cloud) -> NDArray[np.float32]:
         """(N,) signed distance of points in the solid's frame to the farthest face's plane [m].
 
-        That is the distance to the surface inside and beside a face, and less beyond an edge.
+        That is the distance to the surface inside and in front of a face, and less beyond an edge.
         """
         result = np.empty(len(points), np.float32)
         normals, offsets = self.planes[:, :3], self.planes[:, 3:]
@@ -129,7 +129,7 @@ class Round:
 
     @property
     def radius(self) -> float:
-        """Of the bounding sphere."""
+        """Radius of the bounding sphere [m]."""
         return self.r if self.half is None else float(np.hypot(self.r, self.half))
 
     def contains(self, points: Cloud) -> NDArray[np.bool_]:

@@ -1,4 +1,4 @@
-"""What a camera's frames cost and how many of them went through."""
+"""Processing times and counts of a camera's frames."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class FrameStatistics:
         self._last = result
 
     def figures(self, now: float) -> dict[str, object]:
-        """What to tell, by name."""
+        """Figures for diagnostics, by name."""
         recent = [at for at in self._arrivals if now - at <= 2.0]
         figures: dict[str, object] = {
             "frames received": self._received,

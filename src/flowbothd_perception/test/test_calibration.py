@@ -92,7 +92,7 @@ def test_a_twist_turns_about_its_pivot(seed):
 
 
 def picture_of_board(lens, pose):
-    """What an infrared camera sees: squares, a white margin, nothing else."""
+    """Picture of an infrared camera: squares, a white margin, nothing else."""
     v, u = np.mgrid[0 : lens.height : 0.5, 0 : lens.width : 0.5] - 0.25
     fx, _, cx, _, fy, cy = lens.matrix[:6]
     rays = np.stack([(u - cx) / fx, (v - cy) / fy], axis=-1)

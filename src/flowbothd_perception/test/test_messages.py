@@ -157,7 +157,7 @@ def test_depth_images_of_every_encoding(kind, big, padding):
 @pytest.mark.parametrize("name", ["azure_kinect.yaml", "femto_bolt.yaml"])
 def test_the_parameter_files_name_parameters_that_exist(name):
     text = (files("flowbothd_perception") / "config" / name).read_text()
-    values = yaml.safe_load(text)["perception_node"]["ros__parameters"]
+    values = yaml.safe_load(text)["/**/perception_node"]["ros__parameters"]
     flat = {k: v for k, v in values.items() if k != "camera"}
     flat |= {f"camera.{k}": v for k, v in values["camera"].items()}
     params = build(PerceptionNodeParams, flat)

@@ -1,4 +1,4 @@
-"""What holds for every frame: any scene, mount and arm pose, in every form of input."""
+"""Invariants of every frame: any scene, mount and arm pose, in every form of input."""
 
 from dataclasses import dataclass, replace
 from itertools import pairwise
@@ -38,7 +38,7 @@ URDF = (
 
 BARE = RobotFilterParams(padding=0.02, padded_links=(), paddings=())
 # Clusters depend on which pixels were drawn; every other verdict is about the pixel alone.
-PLAIN = PipelineParams(robot=BARE, outliers=OutlierParams(cluster=0.0))
+PLAIN = PipelineParams(robot=BARE, outliers=OutlierParams(cluster_tolerance=0.0))
 KINDS = ("millimetres", "metres", "organised", "loose")
 
 

@@ -112,7 +112,7 @@ def test_thin_rods_are_surfaces_and_single_pixels_are_not():
     keep = surface(depth)
     assert keep[:, 20:22].all()
     assert not keep[10, 40]
-    assert surface(depth, OutlierParams(support=0)).all()
+    assert surface(depth, OutlierParams(min_depth_neighbors=0)).all()
 
 
 def test_images_smaller_than_a_window_are_kept():
@@ -147,7 +147,7 @@ def test_joints_are_interpolated_between_states():
 
 
 def test_joints_are_extrapolated_a_little_way_and_no_farther():
-    buffer = JointBuffer(("a",), reach=0.02)
+    buffer = JointBuffer(("a",), max_extrapolation=0.02)
     buffer.add(1.0, ("a",), (0.0,))
     np.testing.assert_allclose(buffer.at(1.01)[0], [0.0])
     buffer.add(1.01, ("a",), (0.1,))
@@ -176,7 +176,7 @@ def test_a_joint_state_that_says_nothing_is_refused(positions, why):
     ],
 )
 def test_an_image_without_joint_states_is_not_passed_on(stamp, why):
-    buffer = JointBuffer(("a",), gap=0.1)
+    buffer = JointBuffer(("a",), max_gap=0.1)
     assert buffer.at(1.0) == (None, "no joint states yet")
     buffer.add(1.0, ("a",), (0.0,))
     buffer.add(2.0, ("a",), (1.0,))
@@ -187,7 +187,7 @@ def test_an_image_without_joint_states_is_not_passed_on(stamp, why):
 
 def test_a_gap_in_which_the_arm_stood_still_does_not_matter():
     """The incident: a busy machine lost half a second of joint states, and every frame with it."""
-    buffer = JointBuffer(("a",), gap=0.1, still=0.01)
+    buffer = JointBuffer(("a",), max_gap=0.1, stationary_threshold=0.01)
     buffer.add(1.0, ("a",), (0.5,))
     buffer.add(1.6, ("a",), (0.505,))
     np.testing.assert_allclose(buffer.at(1.3)[0], [0.5025])

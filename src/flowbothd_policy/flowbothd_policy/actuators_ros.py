@@ -3,28 +3,30 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import numpy as np
 from rclpy.action import ActionClient
+from rclpy.client import Client
 from rclpy.node import Node
 from rclpy.task import Future
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 
-from flowbothd_common.errors import FlowBotError
+from flowbothd_common.errors import FlowBotError, InvalidMessageError
 from flowbothd_common.motion import MotionGoal, MotionKind, MotionReason, MotionResult
-from flowbothd_common.ros import clouds
+from flowbothd_common.ros import clouds, received
 from flowbothd_common.ros.conversions import (
-    from_result,
-    to_arc,
+    to_joint_estimate,
     to_point,
     to_stamp,
     to_vector3,
 )
+from flowbothd_common.ros.guard import Guard
 from flowbothd_common.types import SuctionPhase
 from flowbothd_interfaces.action import Approach, FlowStep, Probe, Retreat
-from flowbothd_interfaces.msg import PolicyEvent
+from flowbothd_interfaces.msg import PolicyDecision
 from flowbothd_interfaces.srv import PredictFlow, SetSuction
 from flowbothd_policy.commands import Decision, Predict
 from flowbothd_policy.events import (
@@ -50,10 +52,20 @@ class Actuators:
         node: Whose executor serves the futures.
         emit: Takes the events.
         base_frame: Frame of all goals.
+        guard: Of the node's callbacks.
+        timeout: Longest wait for an answer of the suction and stop services, steady clock [s].
     """
 
-    def __init__(self, node: Node, emit: Callable[[Event], None], base_frame: str) -> None:
+    def __init__(
+        self,
+        node: Node,
+        emit: Callable[[Event], None],
+        base_frame: str,
+        guard: Guard,
+        timeout: float,
+    ) -> None:
         self._node, self._emit, self._base_frame = node, emit, base_frame
+        self._guard, self._timeout = guard, timeout
         self._motions = {
             kind: ActionClient(node, action, f"motion/{kind.value}")
             for kind, action in _ACTIONS.items()
@@ -65,7 +77,7 @@ class Actuators:
         self._request_number = 0
 
     def missing(self) -> list[str]:
-        """Names of services and actions that nobody serves."""
+        """Names of services and actions that are not served."""
         services = {
             "motion/stop": self._stop.service_is_ready(),
             "suction/set": self._suction.service_is_ready(),
@@ -97,19 +109,47 @@ class Actuators:
             if handle is None or not handle.accepted:
                 self._refused(goal.kind, "motion_node did not accept the goal")
             else:
-                handle.get_result_async().add_done_callback(finished)
+                result = handle.get_result_async()
+                result.add_done_callback(partial(self._guard.run, "motion result", finished))
 
         def finished(future: Future) -> None:
             # A result of a goal given up meanwhile, by a pause for instance, means nothing now.
-            if number == self._goal_number:
-                self._emit(MotionFinished(from_result(future.result().result.result)))
+            if number != self._goal_number:
+                return
+            try:
+                result = received.motion_result(future.result().result.result)
+            except InvalidMessageError as error:
+                self._guard.refuse("motion result", str(error))
+                self._refused(goal.kind, str(error))
+                return
+            self._emit(MotionFinished(result))
 
-        client.send_goal_async(self._goal(goal)).add_done_callback(accepted)
+        sent = client.send_goal_async(self._goal(goal))
+        sent.add_done_callback(partial(self._guard.run, "motion goal", accepted))
 
     def stop(self) -> None:
         """Ask the arm to stop."""
         if self._stop.service_is_ready():
-            self._stop.call_async(Trigger.Request())
+            self._call(self._stop, Trigger.Request(), lambda _: None)
+
+    def _call(self, client: Client, request: Any, answered: Callable[[Any], None]) -> None:
+        """Call a service; `answered` gets the response, or None if none comes in time."""
+        waiting = client.call_async(request)
+        name = str(client.srv_name)
+
+        def late() -> None:
+            self._node.destroy_timer(limit)
+            if not waiting.done():
+                client.remove_pending_request(waiting)
+                self._guard.refuse(name, f"no answer within {self._timeout:g} s")
+                answered(None)
+
+        def done(future: Future) -> None:
+            self._node.destroy_timer(limit)
+            answered(future.result())
+
+        limit = self._guard.every(self._timeout, late)
+        waiting.add_done_callback(partial(self._guard.run, name, done))
 
     def set_suction(self, vacuum: float) -> None:
         """Ask for a vacuum; a refusal comes back as a pump fault."""
@@ -117,13 +157,14 @@ class Actuators:
             self._emit(SuctionChanged(SuctionPhase.FAULT, "service suction/set is not there"))
             return
 
-        def answered(future: Future) -> None:
-            response = future.result()
-            if not response.success:
+        def answered(response: SetSuction.Response | None) -> None:
+            if response is None:
+                why = f"no answer from suction/set within {self._timeout:g} s"
+                self._emit(SuctionChanged(SuctionPhase.FAULT, why))
+            elif not response.success:
                 self._emit(SuctionChanged(SuctionPhase.FAULT, response.message))
 
-        request = SetSuction.Request(vacuum=float(vacuum))
-        self._suction.call_async(request).add_done_callback(answered)
+        self._call(self._suction, SetSuction.Request(vacuum=float(vacuum)), answered)
 
     def predict(self, command: Predict) -> None:
         """Ask for samples."""
@@ -142,7 +183,8 @@ class Actuators:
                 self._emit(_prediction(future.result(), command))
 
         if self._predict.service_is_ready():
-            self._predict.call_async(request).add_done_callback(answered)
+            asked = self._predict.call_async(request)
+            asked.add_done_callback(partial(self._guard.run, "predict_flow", answered))
         else:
             self._emit(PredictionFailed("service predict_flow is not there"))
 
@@ -157,8 +199,8 @@ class Actuators:
             message.contact = to_point(goal.contact)
         if goal.direction is not None and hasattr(message, "direction"):
             message.direction = to_vector3(goal.direction)
-        if hasattr(message, "arc"):
-            message.arc = to_arc(goal.arc)
+        if hasattr(message, "joint"):
+            message.joint = to_joint_estimate(goal.joint)
         if hasattr(message, "distance"):
             message.distance = float(goal.distance)
         if hasattr(message, "max_distance"):
@@ -183,9 +225,9 @@ def _prediction(response: PredictFlow.Response | None, command: Predict) -> Even
     return PredictionArrived(points, flows, command.stamp, response.model_id, command.seed)
 
 
-def to_event_message(decision: Decision, base_frame: str) -> PolicyEvent:
-    """PolicyEvent message of a decision."""
-    return PolicyEvent(
+def to_decision_message(decision: Decision, base_frame: str) -> PolicyDecision:
+    """Return the PolicyDecision message of a decision."""
+    return PolicyDecision(
         header=Header(frame_id=base_frame, stamp=to_stamp(max(decision.time, 0.0))),
         sequence=decision.sequence,
         state=decision.state,

@@ -93,7 +93,7 @@ def _ruled_out(
 
 
 def _repeats(turn: Turn, points: Cloud, flow: NDArray[np.float32], grasp: Grasp) -> float | None:
-    """How closely a sample repeats a refuted pull [rad of agreement], or None if it does not.
+    """Return how closely a sample repeats a refuted pull [rad], or None if it does not.
 
     A pull at one place refutes every motion that would have let it succeed. So a sample is
     compared where the pull was made, not only where it would itself grasp: a door's free edge is

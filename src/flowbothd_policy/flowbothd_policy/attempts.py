@@ -1,4 +1,4 @@
-"""How attempts end: failure, release, retreat, another look, the end of the run."""
+"""End of an attempt: failure, release, retreat, another look, the end of the run."""
 
 from __future__ import annotations
 
@@ -26,17 +26,21 @@ def observe(turn: Turn, reason: str, decision: str = "observe") -> None:
 def approach(turn: Turn, choice: Choice, reason: str) -> None:
     """Go to the standoff of a grasp."""
     grasp = choice.grasp
-    arc = grasp.screw.arc if turn.params.give_arc and grasp.screw is not None else None
+    joint = (
+        grasp.screw.joint if turn.params.send_joint_estimate and grasp.screw is not None else None
+    )
     turn.set(choice=choice, away=True, attached=False)
     turn.move(
-        MotionGoal(MotionKind.APPROACH, contact=grasp.point, direction=grasp.direction, arc=arc),
+        MotionGoal(
+            MotionKind.APPROACH, contact=grasp.point, direction=grasp.direction, joint=joint
+        ),
         Phase.APPROACHING,
     )
     turn.say("approach", reason)
 
 
 def may_contact(turn: Turn) -> bool:
-    """Whether another contact is within the allowed number."""
+    """Return True if another contact is within the allowed number."""
     return turn.state.grasps <= turn.params.max_recontacts
 
 

@@ -11,7 +11,7 @@ from flowbothd_policy import attempts
 from flowbothd_policy.assessing import assess, completed
 from flowbothd_policy.commands import Predict
 from flowbothd_policy.events import CloudArrived, PredictionArrived
-from flowbothd_policy.opening import expected_arc
+from flowbothd_policy.opening import expected_joint
 from flowbothd_policy.state import After, Choice, Phase, Turn
 
 _LAST_STEP_PLAY = 0.01
@@ -108,7 +108,7 @@ def leverage_gain(turn: Turn, choice: Choice) -> float:
     """Flow norm that the chosen grasp has more than the present one.
 
     The arm hides the very spot that it holds, so the visible point nearest to the cup may belong
-    to the frame; then the fitted rigid motion tells the flow at the cup.
+    to the frame; then the fitted rigid motion gives the flow at the cup.
     """
     grasp, observation = choice.grasp, turn.state.observation
     if observation is None:
@@ -137,10 +137,15 @@ def step(turn: Turn, choice: Choice, why: str) -> None:
         shortest = min(2 * params.epsilon_m, distance)
         distance = float(np.clip(opening.remaining() + _LAST_STEP_PLAY, shortest, distance))
     distance = min(distance, state.reach)
-    arc = expected_arc(state.travel, grasp.screw, params.opening) if params.give_arc else None
+    joint = (
+        expected_joint(state.travel, grasp.screw, params.opening)
+        if params.send_joint_estimate
+        else None
+    )
     turn.set(choice=choice, pull=pull, distance=distance)
     turn.move(
-        MotionGoal(MotionKind.FLOW_STEP, direction=pull, distance=distance, arc=arc), Phase.STEPPING
+        MotionGoal(MotionKind.FLOW_STEP, direction=pull, distance=distance, joint=joint),
+        Phase.STEPPING,
     )
     x, y, z = pull
     turn.say(

@@ -1,4 +1,4 @@
-"""What the policy asks for, and the record of why."""
+"""Commands of the policy, and the record of its reasons."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class Finish:
 
 @dataclass(frozen=True)
 class Decision:
-    """One decision, as published on policy/events.
+    """One decision, as published on policy/decisions.
 
     Attributes:
         sequence: Counts from 0 within a run.

@@ -1,4 +1,4 @@
-"""What can happen to the policy; arrays are in the base frame, times on the node clock [s]."""
+"""Events of the policy; arrays are in the base frame, times on the node clock [s]."""
 
 from __future__ import annotations
 
@@ -84,7 +84,7 @@ class InputsBack:
 
 @dataclass(frozen=True)
 class WaitExpired:
-    """What `state_machine.waiting` names did not come within the time it allows."""
+    """The input named by `state_machine.waiting` did not arrive in time."""
 
 
 @dataclass(frozen=True)

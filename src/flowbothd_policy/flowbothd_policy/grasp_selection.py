@@ -1,4 +1,4 @@
-"""Where to put the cup and which way to pull, from one flow field.
+"""Grasp point and direction of pull, from one flow field.
 
 The paper grasps at the point with the largest flow norm. That point lies on the very edge of the
 part, where a cup cannot seal, and of many points with nearly the same norm noise picks one. With
@@ -247,7 +247,7 @@ def _edge_distance(
     """Estimate how far the flat surface around a point reaches in its narrowest direction [m].
 
     Looks along strips in 16 tangent directions and takes the farthest point of the part that is
-    reached without a gap. A cloud tells an edge no better than its spacing, so sparse clouds keep
+    reached without a gap. A cloud locates an edge no better than its spacing, so sparse clouds keep
     farther from it. Negative where the place is not flat or does not face the pull.
     """
     reach = max(3 * params.edge_margin, 6 * spacing)
@@ -277,7 +277,7 @@ def _edge_distance(
 
 
 def _unbroken(along: Array, gap: float) -> float:
-    """How far sorted distances reach before a gap."""
+    """Return the extent of sorted distances before the first gap."""
     reached = 0.0
     for value in along:
         if value - reached > gap:

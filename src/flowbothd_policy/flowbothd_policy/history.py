@@ -1,4 +1,4 @@
-"""What is remembered of the steps: the consistency direction and the network's history."""
+"""Memory of past steps: the consistency direction and the network's history."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ def remember(
     With the history filter off every step's prediction is remembered; the consistency direction
     is kept under the same rule in both cases. A part may give way across the pull: a drawer that
     is lifted slides out a little. That motion is true, but what was predicted is not, and a
-    network that is told it as history repeats it.
+    network that gets it as history repeats it.
     """
     length = float(np.linalg.norm(motion))
     consistent = length > 0 and (
@@ -87,7 +87,7 @@ def remember(
 def is_consistent(
     flow: Array, memory: Memory, params: PolicyParams, *, attached: bool = True
 ) -> tuple[bool, float]:
-    """Whether a flow agrees with the last accepted motion, and the angle between them [rad].
+    """Compare a flow with the last accepted motion: agreement, and the angle between them [rad].
 
     The angle is nan while nothing has moved. A part that is no longer held may have fallen back,
     a lid for instance; then the flow may agree with any motion of the run instead.

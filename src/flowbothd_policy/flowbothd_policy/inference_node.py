@@ -8,12 +8,12 @@ import time
 from typing import Any
 
 import numpy as np
-from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode, State, TransitionCallbackReturn
 from std_msgs.msg import Header
 
 from flowbothd_common.errors import CheckpointError, FlowBotError
 from flowbothd_common.ros import clouds, diagnostics, qos
+from flowbothd_common.ros.guard import Guard
 from flowbothd_common.ros.node_main import run_node
 from flowbothd_common.ros.parameters import declare
 from flowbothd_common.types import Cloud, History, as_cloud
@@ -31,16 +31,15 @@ class InferenceNode(LifecycleNode):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("inference_node", **kwargs)
         self._params = declare(self, InferenceParams)
-        self._status = diagnostics.NodeStatus(self)
+        self._guard = Guard(self)
+        self._status = diagnostics.NodeStatus(self, self._guard)
         self._model: FlowPredictor | None = None
         self._active = False
         self._failure: FlowBotError | None = None
         self._prediction = self.create_publisher(FlowPrediction, "flow/prediction", qos.EVENT)
         self._truth = TruthClient(self, self._params.truth_timeout)
         self._service = self.create_service(PredictFlow, "predict_flow", self._on_predict)
-        # The steady clock runs on when the simulation, and with it the node clock, is gone.
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._timer = self.create_timer(0.1, self._report, clock=steady)
+        self._guard.every(0.1, self._report)
         if self._params.autostart:
             self.trigger_configure()
             if self._failure is not None:
@@ -98,7 +97,12 @@ class InferenceNode(LifecycleNode):
             response.ok = True
         except FlowBotError as error:
             response.message = str(error)
+            self._guard.refuse("predict_flow", response.message)
             self.get_logger().error(response.message, throttle_duration_sec=1.0)
+        except Exception as error:
+            # Answered, so that the policy need not wait for its timeout.
+            response.message = f"prediction failed: {error!r}; see the log of inference_node"
+            self._guard.fail("predict_flow", error)
         response.model_id = self._model.model_id if self._model else self._params.predictor
         response.seconds = time.monotonic() - start
         self._publish(header, request.seed, history is not None, response)
@@ -155,7 +159,7 @@ def load_model(params: InferenceParams) -> FlowPredictor:
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the node until it is told to stop."""
+    """Run the node until it is stopped."""
     return run_node(InferenceNode, args)
 
 

@@ -9,7 +9,7 @@ from flowbothd_common.parameters import parameter
 
 @dataclass(frozen=True)
 class InferenceParams:
-    """Who predicts, and how."""
+    """Source and settings of the predictions."""
 
     predictor: str = parameter(
         "oracle",
@@ -58,4 +58,4 @@ class InferenceParams:
     max_samples: int = parameter(
         1000, "largest number of samples in one request", minimum=1, maximum=1000000
     )
-    autostart: bool = parameter(True, "configure and activate without being told")
+    autostart: bool = parameter(True, "configure and activate without a request")

@@ -1,4 +1,4 @@
-"""What the results of motions mean."""
+"""Transitions of the policy after the result of a motion."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ _UNREACHABLE_PLACES = 3
 
 
 def finished(turn: Turn, result: MotionResult) -> None:
-    """Go on after a motion; results of motions that nobody waits for are ignored."""
+    """Go on after a motion; results of motions that are not awaited are ignored."""
     if _EXPECTED.get(turn.state.phase) is not result.kind:
         return
     said = f"{result.kind.value} ended: {result.reason.value}"
@@ -208,7 +208,7 @@ def after_step(turn: Turn, result: MotionResult, said: str) -> None:
 def _turned(turn: Turn, result: MotionResult) -> float:
     """Turn of the held surface since the first contact, as a share of the target.
 
-    A hinged part also moves while nobody holds it: it swings on after the cup has come off. The
+    A hinged part also moves while it is not held: it swings on after the cup has come off. The
     tool's axis is the normal of what it holds, on either side.
     """
     first = turn.state.first_axis

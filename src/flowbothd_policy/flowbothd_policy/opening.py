@@ -1,4 +1,4 @@
-"""How far the part has been opened, judged by the path of the tool while it held it."""
+"""Opening of the part, estimated from the path of the tool while it held the part."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from flowbothd_common.transforms import angle_between, unit
-from flowbothd_common.types import ArcKind, Array, JointArc
+from flowbothd_common.types import Array, JointEstimate, JointKind
 from flowbothd_policy.params import OpeningParams
 from flowbothd_policy.screw import Screw
 
@@ -64,16 +64,16 @@ class Travel:
 
 @dataclass(frozen=True)
 class Opening:
-    """How far the part is open.
+    """Opening of the part.
 
     Attributes:
-        kind: Line or arc.
+        kind: Prismatic or revolute.
         amount: [m] or [rad].
         share: Of the target.
-        radius: Distance of the present grasp from the axis [m]; infinite for a line.
+        radius: Distance of the present grasp from the axis [m]; infinite if prismatic.
     """
 
-    kind: ArcKind
+    kind: JointKind
     amount: float
     share: float
     radius: float
@@ -83,7 +83,7 @@ class Opening:
         if self.share <= 0:
             return float("inf")
         rest = self.amount / self.share - self.amount
-        return rest if self.kind is ArcKind.LINE else rest * self.radius
+        return rest if self.kind is JointKind.PRISMATIC else rest * self.radius
 
 
 @dataclass(frozen=True)
@@ -91,12 +91,12 @@ class PathFit:
     """A circle through a path.
 
     Attributes:
-        arc: Axis, turning the way the path was travelled.
+        joint: Axis, turning the way the path was travelled.
         radius: [m].
         sagitta: Largest distance of the path from the chord between its ends [m].
     """
 
-    arc: JointArc
+    joint: JointEstimate
     radius: float
     sagitta: float
 
@@ -125,20 +125,20 @@ def fit_path(points: tuple[Array, ...]) -> PathFit | None:
     axis = unit(np.cross(basis[0], basis[1]))
     if float(np.cross(axis, middle - axis_point) @ chord) < 0:
         axis = -axis
-    return PathFit(JointArc(ArcKind.ARC, axis, axis_point), radius, sagitta)
+    return PathFit(JointEstimate(JointKind.REVOLUTE, axis, axis_point), radius, sagitta)
 
 
 def judge_opening(travel: Travel, params: OpeningParams) -> Opening:
-    """How far open the part is.
+    """Estimate how far the part is open.
 
-    The path itself decides between line and arc as soon as it bends by more than three times its
+    The path itself decides between the two kinds as soon as it bends by more than three times its
     noise; until then the rigid motion fitted to the prediction does, unless the straightness of
     the path contradicts it. The angle is summed over the steps' chords, so it needs the radius
-    alone and adds up over several grasps, unless the pull tells that the part moved in between.
+    alone and adds up over several grasps, unless the pull shows that the part moved in between.
     """
     moved = [k for k, segment in enumerate(travel.segments) if len(segment.points) > 1]
     if not moved:
-        return Opening(ArcKind.LINE, 0.0, 0.0, float("inf"))
+        return Opening(JointKind.PRISMATIC, 0.0, 0.0, float("inf"))
     first = travel.segments[moved[0]]
     radii = {k: _judge(travel.segments[k], params) for k in moved}
     known = [radius for radius, sure in radii.values() if sure]
@@ -146,7 +146,7 @@ def judge_opening(travel: Travel, params: OpeningParams) -> Opening:
     if not np.isfinite(known[-1]):
         amount = travel.length
         share = amount / params.target_distance if params.target_distance > 0 else np.inf
-        return Opening(ArcKind.LINE, amount, float(share), float("inf"))
+        return Opening(JointKind.PRISMATIC, amount, float(share), float("inf"))
     amount, present = 0.0, float(known[-1])
     for k, segment in enumerate(travel.segments[moved[0] :], moved[0]):
         radius = radii[k][0] if k in radii else float("inf")
@@ -155,16 +155,18 @@ def judge_opening(travel: Travel, params: OpeningParams) -> Opening:
         ratios = np.minimum(_chords(segment) / (2 * max(present, 1e-3)), 1.0)
         amount += float(np.sum(2 * np.arcsin(ratios)))
     share = amount / params.target_angle if params.target_angle > 0 else np.inf
-    return Opening(ArcKind.ARC, amount, float(share), present)
+    return Opening(JointKind.REVOLUTE, amount, float(share), present)
 
 
-def expected_arc(travel: Travel, screw: Screw | None, params: OpeningParams) -> JointArc | None:
+def expected_joint(
+    travel: Travel, screw: Screw | None, params: OpeningParams
+) -> JointEstimate | None:
     """The motion to expect next: from the path once it bends clearly, else from the prediction."""
     if travel.segments:
         fit = fit_path(travel.segments[-1].points)
         if fit is not None and fit.sagitta > 5 * params.path_noise:
-            return fit.arc
-    return screw.arc if screw is not None else None
+            return fit.joint
+    return screw.joint if screw is not None else None
 
 
 def _chords(segment: Segment) -> Array:
@@ -176,7 +178,7 @@ def _chords(segment: Segment) -> Array:
 def _opening_at_contact(first: Segment, segment: Segment, so_far: float) -> float:
     """Angle at which a hinged part was when a grasp began.
 
-    The pull turns with the part, so it tells where the part has gone since the first pull that
+    The pull turns with the part, so it shows how far the part has moved since the first pull that
     moved it: a lid falls back when it is let go, a door swings on. Differences as small as the
     predictions' own error are ignored in favour of what was measured.
     """

@@ -19,7 +19,7 @@ MODES = ("oracle", "ambiguous")
 
 @dataclass(frozen=True)
 class Truth:
-    """What a simulation says of a cloud.
+    """Ground truth of a simulation for a cloud.
 
     Attributes:
         flows: (M, N, 3) float32; row 0 is the truth, the others what looks alike.
@@ -48,7 +48,7 @@ class Truth:
 
 @dataclass(frozen=True)
 class OracleParams:
-    """How an oracle errs.
+    """Errors of an oracle.
 
     Attributes:
         mode: ``oracle``: the truth; ``ambiguous``: closed, a random candidate; visibly open, the

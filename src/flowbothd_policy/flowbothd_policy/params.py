@@ -10,7 +10,7 @@ from flowbothd_common.parameters import parameter
 
 @dataclass(frozen=True)
 class GraspParams:
-    """How a place for the cup and a direction are chosen from one flow field."""
+    """Choice of a grasp point and a direction from one flow field."""
 
     edge_margin: float = parameter(
         0.018,
@@ -109,7 +109,7 @@ class OpeningParams:
     )
     path_noise: float = parameter(
         0.002,
-        "how far the tool strays from the part's true path [m]; decides when the path tells an "
+        "how far the tool strays from the part's true path [m]; decides when the path shows an "
         "arc from a line",
         minimum=1e-5,
         maximum=0.1,
@@ -118,7 +118,7 @@ class OpeningParams:
 
 @dataclass(frozen=True)
 class WaitParams:
-    """How long the policy waits for an answer before it goes on without, on the steady clock."""
+    """Timeouts of the policy's requests, on the steady clock."""
 
     observation: float = parameter(10.0, "for a cloud [s]", minimum=0.1, maximum=3600.0)
     prediction: float = parameter(120.0, "for a prediction [s]", minimum=0.1, maximum=3600.0)
@@ -260,7 +260,7 @@ class PolicyParams:
         minimum=0.0,
         maximum=1.0,
     )
-    give_arc: bool = parameter(True, "tell motion how the part is expected to move")
+    send_joint_estimate: bool = parameter(True, "send motion_node the estimate of the part's joint")
     retreat_first: bool = parameter(False, "go to the start pose before the first look")
     vacuum: float = parameter(
         60000.0, "vacuum asked of the pump [Pa]", minimum=0.0, maximum=100000.0

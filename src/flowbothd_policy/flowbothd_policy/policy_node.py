@@ -7,20 +7,19 @@ import time
 from collections import deque
 from typing import Any
 
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from sensor_msgs.msg import PointCloud2
 from std_srvs.srv import Trigger
 
-from flowbothd_common.errors import FlowBotError
-from flowbothd_common.ros import clouds, diagnostics, qos
+from flowbothd_common.ros import diagnostics, qos, received
 from flowbothd_common.ros.conversions import to_seconds
+from flowbothd_common.ros.guard import Guard
 from flowbothd_common.ros.liveness import PeerWatch
 from flowbothd_common.ros.node_main import run_node
 from flowbothd_common.ros.parameters import declare
-from flowbothd_common.types import SuctionPhase, as_cloud
-from flowbothd_interfaces.msg import PolicyEvent, SuctionState
-from flowbothd_policy.actuators_ros import Actuators, to_event_message
+from flowbothd_common.types import Outcome, SuctionPhase
+from flowbothd_interfaces.msg import PolicyDecision, SuctionState
+from flowbothd_policy.actuators_ros import Actuators, to_decision_message
 from flowbothd_policy.commands import (
     Command,
     Decision,
@@ -40,7 +39,7 @@ from flowbothd_policy.events import (
     SuctionChanged,
     WaitExpired,
 )
-from flowbothd_policy.inputs_ros import InputLog, phase_of
+from flowbothd_policy.events_ros import EventLog, phase_of
 from flowbothd_policy.policy_node_params import PolicyNodeParams
 from flowbothd_policy.state import Phase, PolicyState
 from flowbothd_policy.state_machine import advance, waiting
@@ -60,26 +59,38 @@ class PolicyNode(Node):
         self._wait: tuple[str, float] | None = None
         self._waiting_since = time.monotonic()
         self._lost: tuple[str, ...] = ()
-        self._suction = SuctionPhase.OFF
-        self._outcome, self._started = "", False
-        self._status = diagnostics.NodeStatus(self)
-        self._peers = PeerWatch(self, self._params.peers, self._params.peer_timeout)
-        self._actuators = Actuators(self, self._feed, self._params.base_frame)
-        self._inputs = InputLog(self, self._params.base_frame)
-        self._events = self.create_publisher(PolicyEvent, "policy/events", qos.EVENT)
-        self.create_subscription(PointCloud2, "object_cloud", self._on_cloud, qos.IMAGE)
-        self.create_subscription(SuctionState, "suction/state", self._on_suction, qos.STATE)
-        self.create_service(Trigger, "policy/start", self._on_start)
-        self.create_service(Trigger, "policy/stop", self._on_stop)
-        # The steady clock runs on when the simulation, and with it the node clock, is gone.
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._timer = self.create_timer(0.05, self._on_timer, clock=steady)
+        self._suction, self._outcome, self._started = SuctionPhase.OFF, "", False
+        guard = Guard(self, self._on_failure)
+        self._status = diagnostics.NodeStatus(self, guard)
+        self._peers = PeerWatch(self, self._params.watch_nodes, self._params.watch_timeout)
+        self._actuators = Actuators(
+            self, self._feed, self._params.base_frame, guard, self._params.service_timeout
+        )
+        self._events = EventLog(self, self._params.base_frame)
+        self._decisions = self.create_publisher(PolicyDecision, "policy/decisions", qos.EVENT)
+        guard.subscribe(PointCloud2, "object_cloud", self._on_cloud, qos.IMAGE)
+        guard.subscribe(SuctionState, "suction/state", self._on_suction, qos.STATE)
+        guard.serve(Trigger, "policy/start", self._on_start)
+        guard.serve(Trigger, "policy/stop", self._on_stop)
+        guard.every(0.05, self._on_timer)
 
     def destroy_node(self) -> None:
         """Stop the heartbeat before its publisher goes."""
         self._status.close()
         self._actuators.close()
         super().destroy_node()
+
+    def _on_failure(self, why: str) -> None:
+        """Stop the arm and end the run, with the pump off, after an unexpected exception."""
+        self._actuators.stop()
+        self._queue.clear()
+        try:
+            self._feed(OperatorStop(f"internal error: {why}", opened=False))
+        except Exception:
+            self._state, self._wait = PolicyState(), None
+            self._outcome = f"{Outcome.ABORTED.value}: internal error: {why}"
+            self._actuators.set_suction(0.0)
+            raise
 
     def _feed(self, event: Event) -> None:
         """Carry the policy over an event, and over those that its commands bring about."""
@@ -94,7 +105,7 @@ class PolicyNode(Node):
             self._busy = False
 
     def _advance(self, event: Event) -> None:
-        event, now = self._inputs.note(event)
+        event, now = self._events.note(event)
         self._state, commands = advance(self._state, event, now, self._params)
         wait = waiting(self._state, self._params)
         if commands or wait != self._wait:
@@ -104,7 +115,7 @@ class PolicyNode(Node):
 
     def _carry_out(self, command: Command) -> None:
         if isinstance(command, Decision):
-            self._events.publish(to_event_message(command, self._params.base_frame))
+            self._decisions.publish(to_decision_message(command, self._params.base_frame))
             log = self.get_logger()
             tell = log.debug if command.decision == "resample" else log.info
             tell(f"{command.state}: {command.decision}: {command.reason}")
@@ -123,19 +134,8 @@ class PolicyNode(Node):
         stamp = to_seconds(message.header.stamp)
         if self._state.phase is not Phase.OBSERVING or stamp <= self._state.observe_after:
             return
-        if message.header.frame_id != self._params.base_frame:
-            self.get_logger().error(
-                f"object_cloud is in frame {message.header.frame_id!r}, it must be in "
-                f"{self._params.base_frame!r}: set base_frame of both nodes alike",
-                throttle_duration_sec=2.0,
-            )
-            return
-        try:
-            values = clouds.from_cloud_message(message, clouds.XYZ).reshape(-1, 3)
-            points = as_cloud(values, "object cloud", min_points=0)
-        except FlowBotError as error:
-            self.get_logger().error(str(error), throttle_duration_sec=2.0)
-            return
+        received.not_ahead(stamp, self.get_clock().now().nanoseconds * 1e-9)
+        points = received.object_cloud(message, self._params.base_frame)
         self._feed(CloudArrived(points, stamp))
 
     def _on_suction(self, message: SuctionState) -> None:
@@ -166,7 +166,7 @@ class PolicyNode(Node):
         return response
 
     def _missing(self) -> list[str]:
-        """What cannot be relied on now, in words."""
+        """Inputs and peers that are missing now, in words."""
         # Without the growing age of a silence: what is said changes only with what is missing.
         peers = [f"{name} ({why.split(' for ')[0]})" for name, why in self._peers.missing().items()]
         return peers or self._actuators.missing()
@@ -192,7 +192,7 @@ class PolicyNode(Node):
 
 
 def main(args: list[str] | None = None) -> int:
-    """Run the node until it is told to stop."""
+    """Run the node until it is stopped."""
     return run_node(PolicyNode, args)
 
 

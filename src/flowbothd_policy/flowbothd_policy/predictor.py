@@ -1,4 +1,4 @@
-"""What the policy expects of whatever predicts articulation flow."""
+"""Interface of the predictors of articulation flow."""
 
 from __future__ import annotations
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from flowbothd_common.types import ArcKind, Array, Cloud, JointArc
+from flowbothd_common.types import Array, Cloud, JointEstimate, JointKind
 
 _MOVING = 0.1
 _NEIGHBOURS = 40
@@ -18,37 +18,37 @@ _MIN_INLIERS = 12
 
 @dataclass(frozen=True)
 class Screw:
-    """A line or arc motion fitted to max-normalised flow.
+    """Motion of a prismatic or revolute joint fitted to max-normalised flow.
 
     Attributes:
-        arc: The motion; the axis of an arc turns the part the way the flow points.
-        rate: Flow norm per unit of motion: at 1 m from an arc's axis, or anywhere for a line.
+        joint: The motion; a revolute axis turns the part the way the flow points.
+        rate: Flow norm per unit of motion: at 1 m from a revolute axis, or anywhere if prismatic.
         residual: Root mean square over the inliers of the norm of what is not explained.
         inliers: Points that move with it.
     """
 
-    arc: JointArc
+    joint: JointEstimate
     rate: float
     residual: float
     inliers: int
 
     def flow_at(self, point: Array) -> Array:
         """(3,) or (N, 3) flow that the motion gives at points in base, max-normalised."""
-        if self.arc.kind is ArcKind.LINE:
-            return np.broadcast_to(self.rate * self.arc.axis, np.shape(point)).copy()
-        return np.asarray(self.rate * np.cross(self.arc.axis, point - self.arc.point))
+        if self.joint.kind is JointKind.PRISMATIC:
+            return np.broadcast_to(self.rate * self.joint.axis, np.shape(point)).copy()
+        return np.asarray(self.rate * np.cross(self.joint.axis, point - self.joint.point))
 
     def turned(self, rotation: Array, about: Array) -> Screw:
         """The motion turned by `rotation` (3, 3) about a point (3,): its flow there turns too."""
-        point = about + rotation @ (self.arc.point - about)
-        arc = replace(self.arc, axis=rotation @ self.arc.axis, point=point)
-        return replace(self, arc=arc)
+        point = about + rotation @ (self.joint.point - about)
+        joint = replace(self.joint, axis=rotation @ self.joint.axis, point=point)
+        return replace(self, joint=joint)
 
     def radius_at(self, point: Array) -> float:
-        """Distance of a point from the axis of an arc [m]; infinite for a line."""
-        if self.arc.kind is ArcKind.LINE:
+        """Return the distance of a point from a revolute axis [m]; infinite if prismatic."""
+        if self.joint.kind is JointKind.PRISMATIC:
             return float("inf")
-        return float(np.linalg.norm(np.cross(self.arc.axis, point - self.arc.point)))
+        return float(np.linalg.norm(np.cross(self.joint.axis, point - self.joint.point)))
 
 
 def fit_screw(points: Cloud, flow: NDArray[np.float32], near: Array) -> Screw | None:
@@ -83,12 +83,14 @@ def fit_screw(points: Cloud, flow: NDArray[np.float32], near: Array) -> Screw | 
         rate = float(np.linalg.norm(line))
         if rate < _MOVING:
             return None
-        return Screw(JointArc(ArcKind.LINE, line / rate, np.zeros(3)), rate, line_error, len(p))
+        return Screw(
+            JointEstimate(JointKind.PRISMATIC, line / rate, np.zeros(3)), rate, line_error, len(p)
+        )
     omega, v = turning[:3], turning[3:]
     rate = float(np.linalg.norm(omega))
     foot = np.cross(omega, v) / rate**2 + near
     error = _rms(f - _field(turning, p))
-    return Screw(JointArc(ArcKind.ARC, omega / rate, foot), rate, error, len(p))
+    return Screw(JointEstimate(JointKind.REVOLUTE, omega / rate, foot), rate, error, len(p))
 
 
 def _consensus(p: Array, f: Array) -> NDArray[np.bool_] | None:

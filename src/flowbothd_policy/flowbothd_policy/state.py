@@ -20,7 +20,7 @@ from flowbothd_policy.params import PolicyParams
 
 
 class Phase(StrEnum):
-    """What the policy is waiting for."""
+    """Input that the policy is waiting for."""
 
     IDLE = "idle"
     OBSERVING = "observing"
@@ -35,7 +35,7 @@ class Phase(StrEnum):
 
 
 class After(StrEnum):
-    """What follows a retreat."""
+    """Step that follows a retreat."""
 
     OBSERVE = "observe"
     APPROACH = "approach"
@@ -103,7 +103,7 @@ class PolicyState:
         goal: The last motion asked for.
         refusals: How often in a row it was refused.
         asking_again: It was refused and will be asked for again.
-        halting: The arm has been told to stop and has not yet said that it did.
+        halting: A stop of the arm has been requested and not yet confirmed.
         tool_motion: (3,) part motion measured in the last step [m].
     """
 
@@ -186,7 +186,7 @@ class Turn:
 
     @property
     def opening(self) -> Opening:
-        """How far the part is open, judged by the tool's path."""
+        """Opening of the part, estimated from the path of the tool."""
         return judge_opening(self.state.travel, self.params.opening)
 
     def say(self, decision: str, reason: str, *, switched: bool = False) -> None:

@@ -1,7 +1,7 @@
 """The policy: a pure function from state, event and time to a new state and commands.
 
-It has no clock and no randomness of its own; the same events give the same decisions, whether
-they come from nodes, from a stepped simulation or from a bag. Whoever drives it carries out the
+It has neither clock nor randomness; the same events give the same decisions, whether
+they come from nodes, from a stepped simulation or from a bag. The caller carries out the
 commands and feeds back what happens, in order. `waiting` says what a state waits for and how
 long; when that time has passed on the steady clock, the driver sends `WaitExpired`.
 """
@@ -60,7 +60,7 @@ def advance(
 
 
 def waiting(state: PolicyState, params: PolicyParams) -> tuple[str, float] | None:
-    """What the state waits for, in words, and for how many seconds at most; None if nothing."""
+    """Return the awaited input in words and its timeout [s]; None if nothing is awaited."""
     if state.asking_again:
         return "the arm to be ready for the next motion", params.wait.refusal
     if state.phase in MOVING:
@@ -215,7 +215,7 @@ def _on_wait_expired(turn: Turn, event: WaitExpired) -> None:
     elif state.phase is Phase.RELEASING:
         attempts.retreat(turn, f"{late}; going on without")
     elif state.phase is Phase.PAUSED and not state.lost:
-        # A motion node that was started anew knows nothing of the motion that it should end.
+        # A motion node that was restarted knows nothing of the motion that it should end.
         turn.set(halting=False)
         attempts.recover(turn, f"{late}; going on", "resume")
     elif state.phase is Phase.PAUSED:

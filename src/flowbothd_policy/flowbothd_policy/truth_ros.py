@@ -54,7 +54,7 @@ class TruthClient:
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
 
     def ready(self) -> bool:
-        """Whether the simulation is there."""
+        """Return True if the simulation serves the truth."""
         return bool(self._client.service_is_ready())
 
     async def ask(self, cloud: PointCloud2, count: int) -> Truth:

@@ -61,7 +61,7 @@ def test_same_seed_same_decisions(make_door, drive):
 
 
 def test_recorded_events_give_the_same_decisions_again(make_door, drive):
-    """What a bag holds is enough: no clock, no randomness, no world behind the replay."""
+    """A bag is enough for a replay: no clock, no randomness, no world behind the replay."""
     params = PolicyParams(seed=4)
     run = drive(make_door("pull_right", seed=4), params, AMBIGUOUS)
     state, again = PolicyState(), []
@@ -173,8 +173,8 @@ def test_the_paper_without_our_additions_runs(make_door, drive):
     door = make_door("pull_left", width=0.1683)
     run = drive(
         door,
-        PolicyParams(grasp=pure, reject_failed_directions=False, give_arc=False),
+        PolicyParams(grasp=pure, reject_failed_directions=False, send_joint_estimate=False),
         OracleParams(),
     )
     assert run.finish.outcome in (Outcome.OPENED, Outcome.NO_CONTACT, Outcome.GAVE_UP)
-    assert all(goal.arc is None for goal in run.goals)
+    assert all(goal.joint is None for goal in run.goals)

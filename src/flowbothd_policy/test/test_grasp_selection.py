@@ -1,4 +1,4 @@
-"""Where the cup goes."""
+"""Grasp points and directions chosen from flow fields."""
 
 from dataclasses import replace
 

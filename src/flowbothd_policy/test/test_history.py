@@ -1,4 +1,4 @@
-"""What one step leaves behind."""
+"""Memory left by one step."""
 
 from dataclasses import replace
 

@@ -76,13 +76,13 @@ def fake_world(door):
     from flowbothd_common.ros import clouds, qos
     from flowbothd_common.ros.conversions import to_goal, to_result
     from flowbothd_interfaces.action import Approach, FlowStep, Probe, Retreat
-    from flowbothd_interfaces.msg import FlowPrediction, Heartbeat, PolicyEvent, SuctionState
+    from flowbothd_interfaces.msg import FlowPrediction, Heartbeat, PolicyDecision, SuctionState
     from flowbothd_interfaces.srv import GroundTruthFlow, PredictFlow, SetSuction
 
     class World(Node):
         def __init__(self, **kwargs):
             super().__init__("world", **kwargs)
-            self.door, self.events, self.predictions, self.stops = door, [], [], 0
+            self.door, self.decisions, self.predictions, self.stops = door, [], [], 0
             self.beating = ["perception_node", "motion_node", "suction_node"]
             self.holding, self.suction = False, SuctionState.OFF
             self.answer_truth = True
@@ -92,7 +92,9 @@ def fake_world(door):
             self.create_service(GroundTruthFlow, "sim/ground_truth_flow", self.on_truth)
             self.create_service(SetSuction, "suction/set", self.on_suction)
             self.create_service(Trigger, "motion/stop", self.on_stop)
-            self.create_subscription(PolicyEvent, "policy/events", self.events.append, qos.EVENT)
+            self.create_subscription(
+                PolicyDecision, "policy/decisions", self.decisions.append, qos.EVENT
+            )
             self.create_subscription(
                 FlowPrediction, "flow/prediction", self.predictions.append, qos.EVENT
             )
@@ -263,24 +265,24 @@ def test_the_graph_opens_the_door(ros, make_door):
     again = ros.call(world.start, Trigger.Request())
     assert not again.success
     assert "under way" in again.message
-    ros.wait(lambda: world.events and world.events[-1].outcome, 60.0, "an outcome")
-    assert world.events[-1].outcome == "opened"
+    ros.wait(lambda: world.decisions and world.decisions[-1].outcome, 60.0, "an outcome")
+    assert world.decisions[-1].outcome == "opened"
     assert door.open_ratio > 0.9
-    assert [event.sequence for event in world.events] == list(range(len(world.events)))
+    assert [decision.sequence for decision in world.decisions] == list(range(len(world.decisions)))
 
 
 def test_a_silent_node_pauses_the_run_and_is_named(ros, make_door):
     door = make_door("pull_left", limit=1e-9)
     world = run_to_outcome(ros, door, autostart=True, max_recontacts=1000)
-    ros.wait(lambda: any(e.state == "observing" for e in world.events), 30.0, "a start")
+    ros.wait(lambda: any(e.state == "observing" for e in world.decisions), 30.0, "a start")
     world.beating.remove("perception_node")
     silent_since = time.monotonic()
-    ros.wait(lambda: world.events[-1].state == "paused", 5.0, "a pause")
+    ros.wait(lambda: world.decisions[-1].state == "paused", 5.0, "a pause")
     assert time.monotonic() - silent_since < 1.3, "it is to be noticed within a second"
-    assert "perception_node (silent)" in world.events[-1].reason
+    assert "perception_node (silent)" in world.decisions[-1].reason
     world.beating.append("perception_node")
-    ros.wait(lambda: world.events[-1].state != "paused", 10.0, "a resumption")
-    assert any(e.decision == "resume" for e in world.events)
+    ros.wait(lambda: world.decisions[-1].state != "paused", 10.0, "a resumption")
+    assert any(e.decision == "resume" for e in world.decisions)
 
 
 def test_stop_ends_a_run_and_says_how(ros, make_door):
@@ -288,8 +290,8 @@ def test_stop_ends_a_run_and_says_how(ros, make_door):
 
     door = make_door("pull_left", limit=1e-9)
     world = run_to_outcome(ros, door, autostart=True, max_recontacts=1000)
-    ros.wait(lambda: any(e.decision == "step" for e in world.events), 30.0, "a step")
+    ros.wait(lambda: any(e.decision == "step" for e in world.decisions), 30.0, "a step")
     answer = ros.call(world.stop, Trigger.Request())
     assert answer.success
     assert "policy/stop was called" in answer.message
-    ros.wait(lambda: world.events[-1].outcome == "aborted", 5.0, "the outcome")
+    ros.wait(lambda: world.decisions[-1].outcome == "aborted", 5.0, "the outcome")

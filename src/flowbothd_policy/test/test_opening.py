@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from flowbothd_common.transforms import angle_between
-from flowbothd_common.types import ArcKind, JointArc
-from flowbothd_policy.opening import Travel, expected_arc, fit_path, judge_opening
+from flowbothd_common.types import JointEstimate, JointKind
+from flowbothd_policy.opening import Travel, expected_joint, fit_path, judge_opening
 from flowbothd_policy.params import OpeningParams
 from flowbothd_policy.screw import Screw
 
@@ -26,22 +26,27 @@ def travel_along(points, screw=None, travel=None):
 
 
 def hinge(radius, point=(0.5, 0.1, 0.0)):
-    return Screw(JointArc(ArcKind.ARC, np.array([0, 0, 1.0]), np.array(point)), 1 / radius, 0.0, 99)
+    return Screw(
+        JointEstimate(JointKind.REVOLUTE, np.array([0, 0, 1.0]), np.array(point)),
+        1 / radius,
+        0.0,
+        99,
+    )
 
 
 def test_circle_through_a_path():
     fit = fit_path(tuple(arc_points(0.2, np.radians([10, 30, 50, 70]))))
     assert fit.radius == pytest.approx(0.2)
-    np.testing.assert_allclose(fit.arc.point[:2], (0.5, 0.1), atol=1e-9)
-    assert angle_between(fit.arc.axis, (0, 0, 1)) < 1e-6
+    np.testing.assert_allclose(fit.joint.point[:2], (0.5, 0.1), atol=1e-9)
+    assert angle_between(fit.joint.axis, (0, 0, 1)) < 1e-6
     backwards = fit_path(tuple(arc_points(0.2, np.radians([70, 50, 30, 10]))))
-    assert angle_between(backwards.arc.axis, (0, 0, -1)) < 1e-6
+    assert angle_between(backwards.joint.axis, (0, 0, -1)) < 1e-6
     assert fit_path(tuple(arc_points(0.2, [0, 1]))) is None
 
 
 def test_angle_from_the_path_alone():
     opening = judge_opening(travel_along(arc_points(0.2, np.radians([0, 20, 40, 60]))), PARAMS)
-    assert opening.kind is ArcKind.ARC
+    assert opening.kind is JointKind.REVOLUTE
     assert np.degrees(opening.amount) == pytest.approx(60, abs=0.1)
     assert opening.share == pytest.approx(60 / 66, rel=1e-2)
     assert opening.remaining() == pytest.approx(0.2 * np.radians(6), rel=0.05)
@@ -49,7 +54,7 @@ def test_angle_from_the_path_alone():
 
 def test_one_step_needs_the_prediction():
     points = arc_points(0.15, np.radians([0, 19]))
-    assert judge_opening(travel_along(points), PARAMS).kind is ArcKind.LINE
+    assert judge_opening(travel_along(points), PARAMS).kind is JointKind.PRISMATIC
     hinted = judge_opening(travel_along(points, hinge(0.15)), PARAMS)
     assert np.degrees(hinted.amount) == pytest.approx(19, abs=0.1)
 
@@ -57,7 +62,7 @@ def test_one_step_needs_the_prediction():
 def test_a_straight_path_overrules_a_predicted_hinge():
     points = [np.array([0.5 - 0.05 * k, 0.0, 0.3]) for k in range(5)]
     opening = judge_opening(travel_along(points, hinge(0.15, (0.5, 0.15, 0))), PARAMS)
-    assert opening.kind is ArcKind.LINE
+    assert opening.kind is JointKind.PRISMATIC
     assert opening.share == pytest.approx(0.2 / PARAMS.target_distance)
 
 
@@ -75,9 +80,9 @@ def test_nothing_moved_is_nothing_opened():
 
 def test_the_path_tells_the_arc_once_it_bends():
     travel = travel_along(arc_points(0.2, np.radians([0, 15, 30, 45])), hinge(0.5))
-    assert expected_arc(travel, hinge(0.5), PARAMS).point[1] == pytest.approx(0.1)
-    assert expected_arc(Travel(), hinge(0.5), PARAMS) is not None
-    assert expected_arc(Travel(), None, PARAMS) is None
+    assert expected_joint(travel, hinge(0.5), PARAMS).point[1] == pytest.approx(0.1)
+    assert expected_joint(Travel(), hinge(0.5), PARAMS) is not None
+    assert expected_joint(Travel(), None, PARAMS) is None
 
 
 @pytest.mark.parametrize("seed", range(5))

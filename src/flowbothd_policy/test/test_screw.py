@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from flowbothd_common.transforms import angle_between, unit
-from flowbothd_common.types import ArcKind
+from flowbothd_common.types import JointKind
 from flowbothd_policy.screw import fit_screw
 
 
@@ -22,9 +22,9 @@ def test_finds_any_hinge(seed):
     largest = np.linalg.norm(flow, axis=1).max()
     flow = (flow / largest).astype(np.float32)
     screw = fit_screw(points, flow, points[0].astype(float))
-    assert screw.arc.kind is ArcKind.ARC
-    assert angle_between(screw.arc.axis, axis) < 1e-3
-    assert np.linalg.norm(np.cross(axis, screw.arc.point - at)) < 1e-3
+    assert screw.joint.kind is JointKind.REVOLUTE
+    assert angle_between(screw.joint.axis, axis) < 1e-3
+    assert np.linalg.norm(np.cross(axis, screw.joint.point - at)) < 1e-3
     assert screw.rate == pytest.approx(1 / largest, rel=1e-3)
     np.testing.assert_allclose(screw.flow_at(points[3].astype(float)), flow[3], atol=1e-3)
 
@@ -35,7 +35,7 @@ def test_noise_is_averaged():
     flow = np.cross((0, 0, 1.0), points - (0.5, 0.15, 0)) / 0.3
     noisy = (flow + rng.normal(scale=0.1, size=flow.shape)).astype(np.float32)
     screw = fit_screw(points, noisy, np.array([0.5, -0.15, 0.3]))
-    assert angle_between(screw.arc.axis, (0, 0, 1)) < np.radians(5)
+    assert angle_between(screw.joint.axis, (0, 0, 1)) < np.radians(5)
     assert screw.radius_at(np.array([0.5, -0.15, 0.3])) == pytest.approx(0.3, rel=0.1)
 
 
@@ -44,8 +44,8 @@ def test_a_drawer_is_a_line_even_with_noise():
     points = panel(rng)
     flow = (np.array([-1, 0, 0]) + rng.normal(scale=0.1, size=points.shape)).astype(np.float32)
     screw = fit_screw(points, flow, points[0].astype(float))
-    assert screw.arc.kind is ArcKind.LINE
-    assert angle_between(screw.arc.axis, (-1, 0, 0)) < np.radians(2)
+    assert screw.joint.kind is JointKind.PRISMATIC
+    assert angle_between(screw.joint.axis, (-1, 0, 0)) < np.radians(2)
     assert np.isinf(screw.radius_at(points[0].astype(float)))
 
 
@@ -57,8 +57,8 @@ def test_another_moving_door_is_left_out():
     points = np.concatenate([left, right])
     flow = np.concatenate([flow_left, flow_right]).astype(np.float32)
     screw = fit_screw(points, flow, np.array([0.5, 0.02, 0.3]))
-    assert angle_between(screw.arc.axis, (0, 0, -1)) < 0.02
-    assert screw.arc.point[1] == pytest.approx(0.31, abs=0.01)
+    assert angle_between(screw.joint.axis, (0, 0, -1)) < 0.02
+    assert screw.joint.point[1] == pytest.approx(0.31, abs=0.01)
 
 
 def test_nothing_that_moves_gives_nothing():

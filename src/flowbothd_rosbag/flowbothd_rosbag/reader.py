@@ -76,9 +76,11 @@ class Bag:
 
     Args:
         path: Folder of the recording, or one of its files.
+        namespace: Graph to look at where several were recorded; None = the only one.
 
     Attributes:
         path: As given.
+        namespace: As given.
         metadata: From metadata.yaml, or made from the files where there is none.
         topics: By name.
 
@@ -86,8 +88,8 @@ class Bag:
         BagError: there is nothing at the path that could be a recording.
     """
 
-    def __init__(self, path: Path) -> None:
-        self.path = path
+    def __init__(self, path: Path, namespace: str | None = None) -> None:
+        self.path, self.namespace = path, namespace
         self._problems: list[str] = []
         self.metadata, files = _look(path, self._problems)
         self._storages = [self._open(file) for file in files]

@@ -352,7 +352,7 @@ def test_a_service_event_or_an_unknown_type_does_not_close_the_recording_to_othe
         ("/sim/ground_truth_flow/_service_event", "flowbothd_interfaces/srv/GroundTruthFlow_Event"),
         ("/motion/probe/_action/feedback", "flowbothd_interfaces/action/Probe_FeedbackMessage"),
         ("/strange", "nobody_msgs/msg/Unknown"),
-        ("/policy/inputs", "flowbothd_interfaces/msg/PolicyInput"),
+        ("/policy/events", "flowbothd_interfaces/msg/PolicyEvent"),
         ("/chatter", "std_msgs/msg/String"),
     ):
         writer.add_topic(Topic(name, kind, (QOS,)))

@@ -285,7 +285,7 @@ def test_profiles_take_what_they_promise():
     topics = {
         "/depth/image_raw": "sensor_msgs/msg/Image",
         "/object_cloud": "sensor_msgs/msg/PointCloud2",
-        "/policy/inputs": "flowbothd_interfaces/msg/PolicyInput",
+        "/policy/events": "flowbothd_interfaces/msg/PolicyEvent",
         "/points2": "sensor_msgs/msg/PointCloud2",
         "/rgb/image_raw": "sensor_msgs/msg/Image",
         "/perception_node/debug/robot": "sensor_msgs/msg/PointCloud2",

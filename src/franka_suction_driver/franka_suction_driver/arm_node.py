@@ -7,32 +7,35 @@ from dataclasses import replace
 from typing import Any
 
 from geometry_msgs.msg import PointStamped, WrenchStamped
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Header
 from std_srvs.srv import Trigger
 from trajectory_msgs.msg import JointTrajectory
 
-from flowbothd_common.motion import joint_order
-from flowbothd_common.ros import qos
-from flowbothd_common.ros.conversions import from_trajectory, to_point, to_wrench
+from flowbothd_common.errors import InvalidMessageError
+from flowbothd_common.ros import qos, received
+from flowbothd_common.ros.conversions import to_point, to_wrench
 from flowbothd_common.ros.diagnostics import ERROR, OK, WARN, NodeStatus
+from flowbothd_common.ros.guard import Guard
 from flowbothd_common.ros.liveness import Silence
 from flowbothd_common.ros.node_main import run_node
 from flowbothd_common.ros.parameters import declare
 from franka_suction_driver.arm.description import read_description
 from franka_suction_driver.arm.kinematics import make_kinematics
 from franka_suction_driver.arm.limits import robot_limits
+from franka_suction_driver.arm.limits_text import arm_limits
 from franka_suction_driver.backend_params import ArmNodeParams
 from franka_suction_driver.backends.connection import Connection
+from franka_suction_driver.backends.mock import MockLibrary, MockRobot
 from franka_suction_driver.backends.panda import PandaArm
-from franka_suction_driver.backends.protocol import ArmBackend, ArmState
-from franka_suction_driver.backends.recording import RecordingLibrary, RecordingRobot
+from franka_suction_driver.backends.protocol import NOTHING_TO_RECOVER, ArmBackend, ArmState
 from franka_suction_driver.backends.topic_ros import TopicArm
 from franka_suction_driver.params import MotionParams
 
 _BEAT = "motion/heartbeat"
+_STAMP_TOLERANCE = 0.5
+"""A trajectory begins when it arrives; one stamped for another time is refused [s]."""
 
 
 class ArmNode(Node):
@@ -41,8 +44,10 @@ class ArmNode(Node):
     def __init__(self, **kwargs: Any) -> None:
         super().__init__("arm_node", **kwargs)
         self._params = declare(self, ArmNodeParams)
+        self.get_logger().info(arm_limits(self._params))
         self._names = self._params.robot.joint_names
         self._frame = self._params.robot.base_frame
+        self._guard = Guard(self, lambda _: self._backend.hold())
         self._backend = self._make_backend()
         self._silence = Silence(self._params.heartbeat_timeout)
         self._holding = True
@@ -54,15 +59,13 @@ class ArmNode(Node):
             self._joints = self.create_publisher(JointState, "joint_states", qos.STATE)
             self._wrench = self.create_publisher(WrenchStamped, "external_wrench", qos.STATE)
             self._tip = self.create_publisher(PointStamped, "arm/end_effector", qos.STATE)
-        self.create_subscription(
-            JointTrajectory, "joint_trajectory", self._on_trajectory, qos.COMMAND
-        )
-        self.create_subscription(Header, _BEAT, lambda _: self._silence.heard(_BEAT), qos.HEARTBEAT)
-        self.create_service(Trigger, "arm/recover", self._on_recover)
-        self.create_service(Trigger, "arm/tare", self._on_tare)
-        self._status = NodeStatus(self)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(1.0 / self._params.rate, self._on_timer, clock=steady)
+        listen, serve = self._guard.subscribe, self._guard.serve
+        listen(JointTrajectory, "joint_trajectory", self._on_trajectory, qos.COMMAND)
+        listen(Header, _BEAT, lambda _: self._silence.heard(_BEAT), qos.HEARTBEAT)
+        serve(Trigger, "arm/recover", self._on_recover)
+        serve(Trigger, "arm/tare", self._on_tare)
+        self._status = NodeStatus(self, self._guard)
+        self._guard.every(1.0 / self._params.rate, self._on_timer)
 
     def destroy_node(self) -> None:
         """Brake and disconnect, whatever ends the node."""
@@ -77,16 +80,17 @@ class ArmNode(Node):
         kinematics = make_kinematics(motion, read_description(params.robot.description_file))
         limits = robot_limits(kinematics, params.robot)
         if params.backend == "topic":
-            return TopicArm(self, self._names, limits, params.reject_lag, params.start_tolerance)
+            lag, tolerance = params.reject_lag, params.start_tolerance
+            return TopicArm(self, self._names, limits, lag, tolerance, self._guard)
         if params.backend == "panda":
             tolerance = params.start_tolerance
             return PandaArm(kinematics, limits, params.panda, start_tolerance=tolerance)
-        robot = RecordingRobot(params.robot.start_positions)
+        robot = MockRobot(params.robot.start_positions)
         robot.fk = kinematics.pose
         # A wrench of exact zeros would mean a singularity.
         robot.wrench[2] = 1e-6
-        address = replace(params.panda, robot_ip=params.panda.robot_ip or "recording")
-        library = RecordingLibrary(robot)
+        address = replace(params.panda, robot_ip=params.panda.robot_ip or "mock")
+        library = MockLibrary(robot)
         tolerance = params.start_tolerance
         return PandaArm(kinematics, limits, address, library=library, start_tolerance=tolerance)
 
@@ -104,7 +108,8 @@ class ArmNode(Node):
         self._report(state)
 
     def _publish(self, state: ArmState) -> None:
-        if self._params.backend == "topic":
+        # A state that is sent again with a new stamp would pass for a measurement of now.
+        if self._params.backend == "topic" or not state.fresh:
             return
         header = Header(stamp=self.get_clock().now().to_msg(), frame_id=self._frame)
         self._joints.publish(
@@ -134,24 +139,20 @@ class ArmNode(Node):
             self._status.report(OK, f"following, backend {self._params.backend}")
 
     def _on_trajectory(self, message: JointTrajectory) -> None:
-        trajectory = from_trajectory(message)
-        if not self._connection.made or self._holding:
-            self._refused = (
-                self._connection.trouble if not self._connection.made else f"{_BEAT} is silent"
-            )
+        if not self._connection.made:
+            self._refused = self._connection.trouble
+        elif self._holding:
+            self._refused = f"{_BEAT} is silent"
         else:
             try:
-                order = joint_order(self._names, trajectory.joint_names)
-                ordered = replace(
-                    trajectory,
-                    joint_names=self._names,
-                    positions=trajectory.positions[:, order],
-                    velocities=trajectory.velocities[:, order],
-                    accelerations=trajectory.accelerations[:, order],
-                )
-                self._refused = self._backend.follow(ordered)
-            except (KeyError, IndexError) as error:
-                self._refused = f"joints or rows are missing: {error}"
+                trajectory = received.trajectory(message, self._names)
+                now = self.get_clock().now().nanoseconds * 1e-9
+                received.StampCheck(_STAMP_TOLERANCE).check("trajectory", message.header.stamp, now)
+                self._refused = self._backend.follow(trajectory)
+            except InvalidMessageError as error:
+                # As for one that does not fit the arm: its sender has lost track.
+                self._backend.hold()
+                self._refused = str(error)
         if self._refused:
             self.get_logger().warning(f"joint_trajectory refused: {self._refused}")
 
@@ -159,7 +160,8 @@ class ArmNode(Node):
         response.message = (
             self._backend.recover() if self._connection.made else self._connection.trouble
         )
-        response.success = not response.message
+        # Who asks for an arm that is ready has one: success, so that scripts may always ask.
+        response.success = response.message in ("", NOTHING_TO_RECOVER)
         self._refused = ""
         return response
 
@@ -173,7 +175,7 @@ class ArmNode(Node):
 
 def main(args: list[str] | None = None) -> int:
     """Run the node."""
-    return run_node(ArmNode, args)
+    return run_node(ArmNode, args, strict_files=True)
 
 
 if __name__ == "__main__":

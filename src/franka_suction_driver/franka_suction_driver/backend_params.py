@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from flowbothd_common.parameters import parameter
 from franka_suction_driver.arm.params import RobotParams
 
-BACKENDS = ("topic", "panda", "recording")
+BACKENDS = ("topic", "panda", "mock")
 
 
 @dataclass(frozen=True)
@@ -65,8 +65,8 @@ class ArmNodeParams:
     panda: PandaParams = field(default_factory=PandaParams)
     backend: str = parameter(
         "panda",
-        "topic: a JointTrajectoryController; panda: libfranka; recording: nothing moves, the panda "
-        "backend runs against a recording stand-in",
+        "topic: a JointTrajectoryController; panda: libfranka; mock: no hardware, the panda "
+        "backend runs against a simulated robot without dynamics",
         choices=BACKENDS,
     )
     rate: float = parameter(
@@ -97,7 +97,7 @@ class PumpNodeParams:
     """Parameters of pump_node; the Cobot Pump through libfranka's VacuumGripper."""
 
     backend: str = parameter(
-        "panda", "panda: libfranka; recording: a stand-in", choices=("panda", "recording")
+        "panda", "panda: libfranka; mock: no hardware", choices=("panda", "mock")
     )
     robot_ip: str = parameter("", "Address of the robot's control unit: the pump has the same")
     poll_rate: float = parameter(

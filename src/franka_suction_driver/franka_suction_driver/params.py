@@ -41,13 +41,13 @@ class PlanningParams:
     resolution: float = parameter(
         0.04, "Joint distance between two collision checks [rad]", minimum=0.005, maximum=0.2
     )
-    continuation: float = parameter(
+    lookahead: float = parameter(
         0.18, "Opening that should stay reachable beyond the contact [m]", minimum=0.0
     )
     tilt_slack: float = parameter(
         0.26, "Tilt of the tool against the flow accepted to reach further [rad]", minimum=0.0
     )
-    least_push: float = parameter(
+    min_push_fraction: float = parameter(
         0.4,
         "Part of the opening that must be reachable before the opposite side is taken",
         minimum=0.0,
@@ -161,7 +161,7 @@ class SafetyParams:
         "it does not follow [rad]",
         minimum=0.01,
     )
-    slow_conditioning: float = parameter(
+    slow_singular_value: float = parameter(
         0.08,
         "Smallest singular value of the tool's Jacobian below which the tool slows down, in "
         "proportion; 0 = never [m/rad]",
@@ -197,9 +197,27 @@ class MotionParams:
 
 
 @dataclass(frozen=True)
+class WrenchParams:
+    """How the topic external_wrench is to be read."""
+
+    sign: float = parameter(
+        1.0,
+        "1.0: the wrench is what the environment exerts on the tool, in base axes, so that "
+        "pressing the cup upwards gives a positive z; -1.0: what the tool exerts, as franka_ros "
+        "publishes it",
+        minimum=-1.0,
+        maximum=1.0,
+    )
+    frame: str = parameter(
+        "", "Frame id that the wrench must carry, if any; its axes are the base's. Empty = base"
+    )
+
+
+@dataclass(frozen=True)
 class MotionNodeParams(MotionParams):
     """Parameters of motion_node: the core's, and what concerns the node."""
 
+    wrench: WrenchParams = field(default_factory=WrenchParams)
     rate: float = parameter(60.0, "Control rate [Hz]", minimum=20.0, maximum=200.0)
     watch_nodes: tuple[str, ...] = parameter(
         (), "Nodes whose silent heartbeat stops the arm", element=str
@@ -216,6 +234,20 @@ class MotionNodeParams(MotionParams):
         "Silence of joint_states or external_wrench, on the steady clock, that stops the arm [s]",
         minimum=0.02,
         maximum=10.0,
+    )
+    clock_timeout: float = parameter(
+        0.2,
+        "How long the node clock may stand still, on the steady clock, before the arm stops: with "
+        "use_sim_time a /clock that is missing or has stopped [s]",
+        minimum=0.02,
+        maximum=10.0,
+    )
+    stamp_tolerance: float = parameter(
+        0.5,
+        "Largest difference of a stamp of joint_states or external_wrench from the node clock; "
+        "farther ones count as not received [s]",
+        minimum=0.01,
+        maximum=60.0,
     )
     ready_nodes: tuple[str, ...] = parameter(
         (), "Those of watch_nodes that must also say that they are ready: the arm's", element=str

@@ -6,20 +6,20 @@ import sys
 from dataclasses import replace
 from typing import Any
 
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from flowbothd_common.errors import SuctionError
 from flowbothd_common.ros import qos
 from flowbothd_common.ros.diagnostics import ERROR, OK, NodeStatus
+from flowbothd_common.ros.guard import Guard
 from flowbothd_common.ros.node_main import run_node
 from flowbothd_common.ros.parameters import declare
 from flowbothd_interfaces.msg import SuctionCommand, SuctionMeasurement
 from franka_suction_driver.backend_params import PumpNodeParams
 from franka_suction_driver.backends.cobot_pump import CobotPump
 from franka_suction_driver.backends.connection import Connection
+from franka_suction_driver.backends.mock import MockLibrary
 from franka_suction_driver.backends.protocol import PumpBackend
-from franka_suction_driver.backends.recording import RecordingLibrary
 
 _RETRY = 5.0
 
@@ -36,10 +36,10 @@ class PumpNode(Node):
         self._measurement = self.create_publisher(
             SuctionMeasurement, "suction/measurement", qos.STATE
         )
-        self.create_subscription(SuctionCommand, "suction/command", self._on_command, qos.COMMAND)
-        self._status = NodeStatus(self)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self.create_timer(1.0 / params.poll_rate, self._on_timer, clock=steady)
+        self._guard = guard = Guard(self, self._on_failure)
+        guard.subscribe(SuctionCommand, "suction/command", self._on_command, qos.COMMAND)
+        self._status = NodeStatus(self, guard)
+        guard.every(1.0 / params.poll_rate, self._on_timer)
 
     def destroy_node(self) -> None:
         """Release and switch off, whatever ends the node."""
@@ -47,6 +47,10 @@ class PumpNode(Node):
         self._pump.close()
         self._status.close()
         super().destroy_node()
+
+    def _on_failure(self, why: str) -> None:
+        """Report the failure as a fault of the pump, which keeps its last set-point."""
+        self._refused = why
 
     def _on_command(self, message: SuctionCommand) -> None:
         if not self._connection.made:
@@ -68,7 +72,7 @@ class PumpNode(Node):
             return
         fault = self._refused or reading.fault
         message = SuctionMeasurement(
-            pressure=float(reading.pressure),
+            vacuum=float(reading.vacuum),
             in_control_range=reading.in_control_range,
             part_present=reading.part_present,
             part_detached=reading.part_detached,
@@ -81,9 +85,9 @@ class PumpNode(Node):
 
 
 def _backend(params: PumpNodeParams) -> PumpBackend:
-    if params.backend == "recording":
-        address = params.robot_ip or "recording"
-        return CobotPump(replace(params, robot_ip=address), library=RecordingLibrary())
+    if params.backend == "mock":
+        address = params.robot_ip or "mock"
+        return CobotPump(replace(params, robot_ip=address), library=MockLibrary())
     return CobotPump(params)
 
 

@@ -1,4 +1,4 @@
-"""The safety envelope's face to ROS: halt and release, what a dry run shows, the audit log."""
+"""The safety envelope's face to ROS: halt and clear_stop, what a dry run shows, the audit log."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from trajectory_msgs.msg import JointTrajectory as JointTrajectoryMessage
 from flowbothd_common.motion import JointTrajectory
 from flowbothd_common.ros import qos
 from flowbothd_common.ros.conversions import to_trajectory
+from flowbothd_common.ros.guard import Guard
 from franka_suction_driver.execution.audit import AuditLog
 from franka_suction_driver.execution.executor import MotionExecutor
 from franka_suction_driver.params import SafetyParams
@@ -29,20 +30,23 @@ def open_audit(params: SafetyParams) -> AuditLog | None:
 
 
 class SafetyServices:
-    """Services `motion/stop`, `motion/halt`, `motion/release`; topic `motion/planned`.
+    """Services `motion/stop`, `motion/halt`, `motion/clear_stop`; topic `motion/planned`.
 
     Args:
         node: Serves on it.
         core: The motion core.
         stop: Stops what runs or is being planned, with a message; whether there was anything.
+        guard: Of the node's callbacks.
     """
 
-    def __init__(self, node: Node, core: MotionExecutor, stop: Callable[[str], bool]) -> None:
+    def __init__(
+        self, node: Node, core: MotionExecutor, stop: Callable[[str], bool], guard: Guard
+    ) -> None:
         self._node, self._core, self._stop = node, core, stop
         self._planned = node.create_publisher(JointTrajectoryMessage, "motion/planned", qos.LATCHED)
-        node.create_service(Trigger, "motion/stop", self._on_stop)
-        node.create_service(Trigger, "motion/halt", self._on_halt)
-        node.create_service(Trigger, "motion/release", self._on_release)
+        guard.serve(Trigger, "motion/stop", self._on_stop)
+        guard.serve(Trigger, "motion/halt", self._on_halt)
+        guard.serve(Trigger, "motion/clear_stop", self._on_clear_stop)
 
     def show(self, trajectory: JointTrajectory) -> None:
         """Publish what a dry run would have sent."""
@@ -60,13 +64,13 @@ class SafetyServices:
     def _on_halt(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
         why = "halted by the halt service"
         self._core.halt(why, self._now())
-        self._stop(f"{why}; latched until motion/release")
+        self._stop(f"{why}; latched until motion/clear_stop")
         response.success = True
-        response.message = "halted; nothing moves until motion/release"
+        response.message = "halted; nothing moves until motion/clear_stop"
         return response
 
-    def _on_release(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
-        why = self._core.release(self._now())
+    def _on_clear_stop(self, _: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+        why = self._core.clear_stop(self._now())
         response.success = True
-        response.message = f"released from: {why}" if why else "nothing was latched"
+        response.message = f"cleared: {why}" if why else "nothing was latched"
         return response

@@ -1,4 +1,4 @@
-"""Shared robot and a small recording arm that follows trajectories exactly."""
+"""Shared robot, a small recording arm, a Panda on a bench, and a ROS context."""
 
 from __future__ import annotations
 
@@ -13,7 +13,10 @@ from flowbothd_common.motion import JointTrajectory, MotionGoal, MotionResult, R
 from flowbothd_common.parameters import build
 from franka_suction_driver.arm.kinematics import Kinematics, make_kinematics
 from franka_suction_driver.arm.limits import JointLimits, limits_from
-from franka_suction_driver.arm.trajectory import JointState, state_at
+from franka_suction_driver.arm.trajectory import JointState, joint_move, state_at
+from franka_suction_driver.backend_params import PandaParams
+from franka_suction_driver.backends.mock import MockLibrary, MockRobot
+from franka_suction_driver.backends.panda import PandaArm
 from franka_suction_driver.execution.executor import MotionExecutor
 from franka_suction_driver.params import MotionParams
 
@@ -35,7 +38,7 @@ def motion_params() -> MotionParams:
         "workspace_max": (5.0,) * 3,
         "force_limit": 1e4,
         "lag_limit": 1.0,
-        "slow_conditioning": 0.0,
+        "slow_singular_value": 0.0,
         "slow_margin": 0.0,
     }
     return build(MotionParams, {f"safety.{name}": value for name, value in safety.items()})
@@ -123,6 +126,48 @@ def make_arm(robot: Kinematics) -> Callable[..., FakeArm]:
     return make
 
 
+class PandaLab:
+    """A robot on a bench, the backend before it, and a clock that only the loop moves."""
+
+    def __init__(self, robot: Kinematics, limits: JointLimits, params: PandaParams) -> None:
+        self.time = 100.0
+        self.limits, self.names = limits, robot.joint_names
+        self.robot = MockRobot()
+        self.library = MockLibrary(self.robot, clock=lambda: self.time, sleep=self.sleep)
+        self.arm = PandaArm(
+            robot,
+            limits,
+            params,
+            library=self.library,
+            clock=lambda: self.time,
+            sleep=self.sleep,
+            threaded=False,
+        )
+
+    def sleep(self, seconds: float) -> None:
+        self.time += seconds
+
+    def feed(self, seconds: float) -> None:
+        end = self.time + seconds
+        while self.time < end and self.arm.feed():
+            pass
+
+    def move(self, joint: int = 0, by: float = 0.2) -> JointTrajectory:
+        goal = self.robot.q.copy()
+        goal[joint] += by
+        return joint_move(self.names, JointState.at_rest(self.robot.q), goal, self.limits)
+
+
+@pytest.fixture
+def make_lab(robot: Kinematics, limits: JointLimits) -> Callable[..., PandaLab]:
+    def make(**params: Any) -> PandaLab:
+        lab = PandaLab(robot, limits, PandaParams(**({"robot_ip": "172.16.0.2"} | params)))
+        lab.robot.wrench = np.array([0.1, 0, 0, 0, 0, 0])
+        return lab
+
+    return make
+
+
 @pytest.fixture
 def ros(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest):
     """A context and an executor in the module's DOMAIN; all is spun from the test's thread."""
@@ -151,6 +196,9 @@ def ros(monkeypatch: pytest.MonkeyPatch, request: pytest.FixtureRequest):
             self.nodes.remove(node)
             executor.remove_node(node)
             node.destroy_node()
+
+        def spin(self, timeout: float = 0.005) -> None:
+            executor.spin_once(timeout_sec=timeout)
 
         def until(self, condition: Callable[[], bool], what: str, seconds: float = 30.0) -> None:
             deadline = time.monotonic() + seconds

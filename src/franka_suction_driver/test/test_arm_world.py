@@ -7,7 +7,7 @@ import pytest
 
 from flowbothd_common.motion import MotionGoal, MotionKind, MotionReason, MotionResult
 from flowbothd_common.transforms import apply, rotation_about, transform, unit
-from flowbothd_common.types import ArcKind, Array, JointArc
+from flowbothd_common.types import Array, JointEstimate, JointKind
 from franka_suction_driver.arm.description import compose_urdf
 from franka_suction_driver.arm.kinematics import make_kinematics
 from franka_suction_driver.execution.executor import MotionExecutor
@@ -85,7 +85,8 @@ def test_the_door_opens_in_every_mode_from_one_pose(
     # The grasp is on the face that the camera sees, whatever the mode, five millimetres off.
     local = np.array([-0.00875, -hinge_side * (0.1683 / 2 - 0.025), 0.25])
     contact = apply(POSE, local + rng.normal(size=3) * [0.002, 0.005, 0.005])
-    arc = JointArc(ArcKind.ARC, POSE[:3, :3] @ joint.axis, apply(POSE, np.asarray(joint.point)))
+    axis, point = POSE[:3, :3] @ joint.axis, apply(POSE, np.asarray(joint.point))
+    expected = JointEstimate(JointKind.REVOLUTE, axis, point)
     urdf = compose_urdf()
     params = motion_params
     with ArmWorld(urdf, model, POSE) as world:
@@ -93,7 +94,7 @@ def test_the_door_opens_in_every_mode_from_one_pose(
         closed = surface(model, POSE, world.object_positions(), list(model.links))
         opener.executor.set_obstacles(closed[closed[:, 2] > 0.02])
         direction = POSE[:3, :3] @ np.array([outward, 0, 0])
-        approach = MotionGoal(MotionKind.APPROACH, contact, direction, arc=arc)
+        approach = MotionGoal(MotionKind.APPROACH, contact, direction, joint=expected)
         assert opener.move(approach).reason is MotionReason.REACHED
         world.command_suction(60000.0)
         probe = opener.move(MotionGoal(MotionKind.PROBE, None, -direction))

@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -13,8 +14,8 @@ from flowbothd_common.errors import SuctionError
 from flowbothd_common.types import SuctionReading
 from franka_suction_driver.backend_params import PumpNodeParams
 from franka_suction_driver.backends.cobot_pump import CobotPump, setpoint
+from franka_suction_driver.backends.mock import DeviceStatus, MockLibrary, MockRobot
 from franka_suction_driver.backends.protocol import BackendError
-from franka_suction_driver.backends.recording import DeviceStatus, RecordingLibrary, RecordingRobot
 
 PARAMS = PumpNodeParams(robot_ip="172.16.0.2", poll_rate=100.0, vacuum_timeout=20.0)
 
@@ -22,8 +23,8 @@ PARAMS = PumpNodeParams(robot_ip="172.16.0.2", poll_rate=100.0, vacuum_timeout=2
 class Bench:
     def __init__(self, params: PumpNodeParams = PARAMS) -> None:
         self.time = 0.0
-        self.robot = RecordingRobot()
-        self.pump = CobotPump(params, library=RecordingLibrary(self.robot), clock=lambda: self.time)
+        self.robot = MockRobot()
+        self.pump = CobotPump(params, library=MockLibrary(self.robot), clock=lambda: self.time)
         self.pump.connect()
 
     def reads(self, condition: Callable[[SuctionReading], bool], what: str) -> SuctionReading:
@@ -65,7 +66,7 @@ def test_pascal_become_units_of_ten_millibar_and_back(bench: Bench) -> None:
     assert arguments[0] == 60
     assert isinstance(arguments[0], int)
     reading = bench.reads(lambda r: r.part_present, "the part")
-    assert reading.pressure == 60000.0
+    assert reading.vacuum == 60000.0
 
 
 def test_set_points_that_could_never_hold_a_part_are_refused(bench: Bench) -> None:
@@ -108,7 +109,7 @@ def test_a_release_is_verified_and_the_command_ended(bench: Bench) -> None:
     bench.pump.command(0.0)
     bench.reads(lambda r: not r.part_present, "the release")
     until(lambda: bench.robot.names()[-2:] == ["drop_off", "stop"], "the stop after the release")
-    assert bench.reads(lambda r: r.pressure == 0.0, "no vacuum").fault == ""
+    assert bench.reads(lambda r: r.vacuum == 0.0, "no vacuum").fault == ""
 
 
 def test_a_part_that_stays_is_a_fault(bench: Bench) -> None:
@@ -151,6 +152,57 @@ def test_a_lost_link_is_a_fault_and_stop_is_called_nevertheless(bench: Bench) ->
     assert bench.robot.names()[-2:] == ["drop_off", "stop"]
 
 
+def test_a_pump_whose_cable_is_back_obeys_again(bench: Bench) -> None:
+    """A pulled cable left the pump dead until pump_node was restarted, with the part at the cup."""
+    bench.robot.pump.sealed = True
+    bench.pump.command(60000.0)
+    bench.reads(lambda r: r.part_present, "the part")
+    bench.robot.unplug()
+    bench.reads(lambda r: "does not answer" in r.fault, "the loss")
+    bench.robot.plug_in()
+    bench.time += 10.0
+
+    def commanded_and_held() -> bool:
+        # suction_node repeats its command; what became of an earlier one nobody knows.
+        bench.pump.command(60000.0)
+        reading = bench.pump.reading()
+        return reading is not None and reading.part_present and not reading.fault
+
+    until(commanded_and_held, "the part, held again")
+    bench.robot.calls.clear()
+    bench.pump.command(0.0)
+    until(lambda: bench.robot.names() == ["drop_off", "stop"], "the release")
+    assert not bench.reads(lambda r: not r.part_present, "no part").fault
+
+
+@pytest.mark.parametrize("value", [float("nan"), float("inf"), "no number"])
+def test_a_vacuum_that_is_no_number_is_no_reading(bench: Bench, value: Any) -> None:
+    """NaN is not above the threshold of a held part, and not below that of a release either."""
+    bench.robot.pump.sealed = True
+    bench.pump.command(60000.0)
+    bench.reads(lambda r: r.part_present, "the part")
+    bench.robot.pump.reported = value
+    reading = bench.reads(lambda r: bool(r.fault), "the fault")
+    assert reading.vacuum == 0.0
+    assert not reading.part_present
+    bench.pump.command(0.0)
+    until(lambda: bench.robot.names()[-1] == "stop", "the stop after the release")
+    bench.robot.pump.reported = None
+    fault = bench.reads(lambda r: "is not released" in r.fault or "release" in r.fault, "the doubt")
+    assert not fault.part_present
+
+
+@pytest.mark.parametrize("vacuum", [float("nan"), float("inf"), float("-inf")])
+def test_a_command_that_is_no_number_is_refused(bench: Bench, vacuum: float) -> None:
+    """A command of NaN counted as a release, and one of infinity ended pump_node."""
+    bench.robot.pump.sealed = True
+    bench.pump.command(60000.0)
+    bench.reads(lambda r: r.part_present, "the part")
+    with pytest.raises(SuctionError, match="set-point"):
+        bench.pump.command(vacuum)
+    assert "drop_off" not in bench.robot.names()
+
+
 def test_every_exit_switches_the_pump_off(bench: Bench) -> None:
     bench.robot.pump.sealed = True
     bench.pump.command(60000.0)
@@ -169,10 +221,10 @@ def test_a_red_light_is_a_fault(bench: Bench) -> None:
 
 def test_a_pump_that_is_not_configured_names_desk() -> None:
     """The trap: without Cobot Pump chosen in Desk the connection fails with a network error."""
-    robot = RecordingRobot()
+    robot = MockRobot()
     robot.refusal = RuntimeError("libfranka gripper: Connection error")
-    pump = CobotPump(PARAMS, library=RecordingLibrary(robot))
+    pump = CobotPump(PARAMS, library=MockLibrary(robot))
     with pytest.raises(BackendError, match="Cobot Pump"):
         pump.connect()
     with pytest.raises(BackendError, match="robot_ip"):
-        CobotPump(replace(PARAMS, robot_ip=""), library=RecordingLibrary(robot)).connect()
+        CobotPump(replace(PARAMS, robot_ip=""), library=MockLibrary(robot)).connect()

@@ -144,10 +144,10 @@ def test_a_spike_of_force_stops_any_motion_and_latches(
     assert result.reason is MotionReason.FORCE_LIMIT
     assert "60 N" in result.message
     assert not arm.state.velocity.any()
-    with pytest.raises(MotionRejectedError, match="motion/release"):
+    with pytest.raises(MotionRejectedError, match="motion/clear_stop"):
         executor.start(approach(), arm.observe())
     arm.force = lambda tip: np.zeros(3)
-    assert "60 N" in executor.release(arm.time)
+    assert "60 N" in executor.clear_stop(arm.time)
     assert arm.run(executor, RETREAT).reason is MotionReason.REACHED
 
 
@@ -172,8 +172,8 @@ def test_a_halt_brakes_and_stays_until_it_is_released(
         assert limits.violation(trajectory) is None
     with pytest.raises(MotionRejectedError, match="somebody came near"):
         executor.start(RETREAT, arm.observe())
-    assert executor.release(arm.time) == "somebody came near"
-    assert executor.release(arm.time) == ""
+    assert executor.clear_stop(arm.time) == "somebody came near"
+    assert executor.clear_stop(arm.time) == ""
     assert arm.run(executor, RETREAT).reason is MotionReason.REACHED
 
 
@@ -292,7 +292,7 @@ def test_every_commanded_motion_is_in_the_audit_log(
     arm = make_arm()
     arm.run(executor, approach())
     executor.halt("enough", arm.time)
-    executor.release(arm.time)
+    executor.clear_stop(arm.time)
     arm.run(executor, RETREAT)
     log.close()
     lines = (tmp_path / "deep" / "audit.jsonl").read_text().splitlines()
@@ -303,7 +303,7 @@ def test_every_commanded_motion_is_in_the_audit_log(
         assert entry["time"] == pytest.approx(time, abs=1e-5)
         np.testing.assert_allclose(entry["last"], trajectory.positions[-1], atol=1e-5)
     events = [entry["event"] for entry in entries if entry["event"] != "trajectory"]
-    assert events == ["goal", "result", "halt", "release", "goal", "result"]
+    assert events == ["goal", "result", "halt", "clear_stop", "goal", "result"]
 
 
 def test_the_audit_log_rotates_and_a_bad_place_is_an_error(tmp_path: Path) -> None:

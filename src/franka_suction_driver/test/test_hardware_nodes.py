@@ -1,4 +1,4 @@
-"""arm_node and pump_node in process, over the recording stand-in and over a controller's topics."""
+"""arm_node and pump_node in process, over the mock backend and over a controller's topics."""
 
 from __future__ import annotations
 
@@ -72,11 +72,11 @@ def trajectory(start: np.ndarray, by: float, limits: Any, names: Any) -> Any:
 
 @pytest.fixture
 def bench(ros: Any) -> Any:
-    """arm_node over the recording robot, with somebody who beats."""
+    """arm_node over the mock robot, with somebody who beats."""
     from franka_suction_driver.arm_node import ArmNode
 
     user = ros.add(make_user())
-    node = ros.add(ArmNode, backend="recording", heartbeat_timeout=0.3)
+    node = ros.add(ArmNode, backend="mock", heartbeat_timeout=0.3)
     ros.until(lambda: bool(user.joints) and bool(user.wrenches), "joint states and wrench")
     ros.until(lambda: not node._holding, "the heartbeat")
     ros.until(lambda: user.trajectory.get_subscription_count() > 0, "the trajectory's reader")
@@ -166,7 +166,7 @@ def test_a_motion_ends_when_its_backend_does(ros: Any, fault: str) -> None:
     from franka_suction_driver.arm_node import ArmNode
     from franka_suction_driver.motion_node import MotionNode
 
-    arm = ros.add(ArmNode, backend="recording", heartbeat_timeout=0.5)
+    arm = ros.add(ArmNode, backend="mock", heartbeat_timeout=0.5)
     motion = ros.add(
         MotionNode,
         safety__speed_scale=0.5,
@@ -229,8 +229,8 @@ def test_killed_hardware_processes_end_the_motion_and_the_pump_is_known_to_be_lo
     from franka_suction_driver.motion_node import MotionNode
     from franka_suction_driver.suction.suction_node import SuctionNode
 
-    arm = start_process("arm_node", "backend:=recording", "heartbeat_timeout:=0.8")
-    pump = start_process("pump_node", "backend:=recording")
+    arm = start_process("arm_node", "backend:=mock", "heartbeat_timeout:=0.8")
+    pump = start_process("pump_node", "backend:=mock")
     watched = {"watch_nodes": ["arm_node"], "ready_nodes": ["arm_node"]}
     motion = ros.add(MotionNode, safety__speed_scale=0.5, input_timeout=0.4, **watched)
     suction = ros.add(SuctionNode)
@@ -336,7 +336,7 @@ def test_the_pump_holds_loses_and_is_released_when_the_node_goes(ros: Any) -> No
     from franka_suction_driver.pump_node import PumpNode
     from franka_suction_driver.suction.suction_node import SuctionNode
 
-    pump = ros.add(PumpNode, backend="recording", poll_rate=50.0)
+    pump = ros.add(PumpNode, backend="mock", poll_rate=50.0)
     suction = ros.add(SuctionNode)
     client = suction.create_client(SetSuction, "suction/set")
     robot = pump._pump._library.robot

@@ -7,12 +7,12 @@ import pytest
 
 from flowbothd_common.motion import MotionGoal, MotionKind, MotionReason, MotionResult
 from flowbothd_common.transforms import apply, transform
-from flowbothd_common.types import ArcKind, JointArc
+from flowbothd_common.types import JointEstimate, JointKind
 from franka_suction_driver.planning.held import HeldPart
 
-HINGE = JointArc(ArcKind.ARC, np.array([0, 0, 1.0]), np.array([0.5, 0.2, 0.0]))
+HINGE = JointEstimate(JointKind.REVOLUTE, np.array([0, 0, 1.0]), np.array([0.5, 0.2, 0.0]))
 CONTACT, PULL = np.array([0.5, 0.0, 0.3]), np.array([-1.0, 0.0, 0.0])
-APPROACH = MotionGoal(MotionKind.APPROACH, CONTACT, PULL, arc=HINGE)
+APPROACH = MotionGoal(MotionKind.APPROACH, CONTACT, PULL, joint=HINGE)
 LAST_PULL = np.array([-0.34, 0.94, 0.0])
 STEP = MotionGoal(MotionKind.FLOW_STEP, None, LAST_PULL, 0.05, HINGE)
 
@@ -63,9 +63,9 @@ def test_once_moved_it_is_a_plate_where_the_tool_held_it_and_what_stands_still_i
 
 
 def test_a_slide_leaves_no_plate_and_no_camera_no_cloud() -> None:
-    line = JointArc(ArcKind.LINE, PULL, np.zeros(3))
+    line = JointEstimate(JointKind.PRISMATIC, PULL, np.zeros(3))
     held = HeldPart()
-    held.approached(MotionGoal(MotionKind.APPROACH, CONTACT, PULL, arc=line), None)
+    held.approached(MotionGoal(MotionKind.APPROACH, CONTACT, PULL, joint=line), None)
     goal = MotionGoal(MotionKind.FLOW_STEP, None, PULL, 0.05, line)
     held.stepped(goal, stepped(goal))
     assert held.plate is None

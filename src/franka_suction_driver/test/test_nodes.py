@@ -104,7 +104,7 @@ def make_bridge() -> Any:
             if not self.suction_node_runs:
                 self._suction.publish(SuctionState(state=SuctionState.OFF))
             measurement = SuctionMeasurement(part_present=self.part_present)
-            measurement.pressure = 6e4 if self.part_present else 0.0
+            measurement.vacuum = 6e4 if self.part_present else 0.0
             self._measure.publish(measurement)
 
     return Bridge

@@ -1,4 +1,4 @@
-"""The panda backend against a recording stand-in with the real library's semantics.
+"""The panda backend against a mock with the real library's semantics.
 
 Each trap that facts about the hardware tell of has a test here whose docstring tells it.
 """
@@ -10,73 +10,34 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
 
 from flowbothd_common.errors import ParameterError
-from flowbothd_common.motion import JointTrajectory
 from franka_suction_driver.arm.kinematics import Kinematics
 from franka_suction_driver.arm.limits import JointLimits
 from franka_suction_driver.arm.trajectory import JointState, joint_move
 from franka_suction_driver.backend_params import PandaParams
 from franka_suction_driver.backends.library import INSTALL, load_panda_py
+from franka_suction_driver.backends.mock import START, MockLibrary, MockRobot
+from franka_suction_driver.backends.mock_modes import RobotMode
 from franka_suction_driver.backends.panda import PandaArm
 from franka_suction_driver.backends.protocol import BackendError
-from franka_suction_driver.backends.recording import (
-    START,
-    IncompatibleVersionError,
-    RecordingLibrary,
-    RecordingRobot,
-    RobotMode,
-)
 from franka_suction_driver.params import FlowStepParams, ProbeParams
 
 PARAMS = PandaParams(robot_ip="172.16.0.2")
 
 
-class Lab:
-    """A robot on a bench, the backend before it, and a clock that only the loop moves."""
-
-    def __init__(self, robot: Kinematics, limits: JointLimits, params: PandaParams) -> None:
-        self.time = 100.0
-        self.limits = limits
-        self.robot = RecordingRobot()
-        library = RecordingLibrary(self.robot, clock=lambda: self.time, sleep=self.sleep)
-        self.arm = PandaArm(
-            robot,
-            limits,
-            params,
-            library=library,
-            clock=lambda: self.time,
-            sleep=self.sleep,
-            threaded=False,
-        )
-
-    def sleep(self, seconds: float) -> None:
-        self.time += seconds
-
-    def feed(self, seconds: float) -> None:
-        end = self.time + seconds
-        while self.time < end and self.arm.feed():
-            pass
-
-    def move(self, joint: int = 0, by: float = 0.2) -> JointTrajectory:
-        goal = self.robot.q.copy()
-        goal[joint] += by
-        names = self.arm._kinematics.joint_names
-        return joint_move(names, JointState.at_rest(self.robot.q), goal, self.limits)
-
-
 @pytest.fixture
-def lab(robot: Kinematics, limits: JointLimits) -> Lab:
-    made = Lab(robot, limits, PARAMS)
+def lab(make_lab: Callable[..., Any]) -> Any:
+    made = make_lab()
     made.arm.connect()
-    made.robot.wrench = np.array([0.1, 0, 0, 0, 0, 0])
     return made
 
 
-def test_a_trajectory_is_fed_to_the_controller_and_followed(lab: Lab) -> None:
+def test_a_trajectory_is_fed_to_the_controller_and_followed(lab: Any) -> None:
     trajectory = lab.move()
     assert lab.arm.follow(trajectory) == ""
     lab.feed(float(trajectory.times[-1]) + 0.1)
@@ -87,7 +48,7 @@ def test_a_trajectory_is_fed_to_the_controller_and_followed(lab: Lab) -> None:
     assert state.fault == ""
 
 
-def test_hold_brakes_within_the_limits(lab: Lab) -> None:
+def test_hold_brakes_within_the_limits(lab: Any) -> None:
     trajectory = lab.move(by=1.0)
     assert lab.arm.follow(trajectory) == ""
     lab.feed(0.3 * float(trajectory.times[-1]))
@@ -99,7 +60,7 @@ def test_hold_brakes_within_the_limits(lab: Lab) -> None:
     assert "stop_controller" not in lab.robot.names()
 
 
-def test_trajectories_that_a_controller_would_reject_are_refused_aloud(lab: Lab) -> None:
+def test_trajectories_that_a_controller_would_reject_are_refused_aloud(lab: Any) -> None:
     """The trap: JointTrajectoryController rejects with a line in its own log and says nothing."""
     good = lab.move()
     zero = np.zeros_like(good.velocities)
@@ -124,7 +85,7 @@ def test_trajectories_that_a_controller_would_reject_are_refused_aloud(lab: Lab)
     np.testing.assert_allclose(lab.robot.q, START)
 
 
-def test_an_arm_whose_commander_has_lost_track_of_it_brakes(lab: Lab) -> None:
+def test_an_arm_whose_commander_has_lost_track_of_it_brakes(lab: Any) -> None:
     """The incident: the arm was held while its reference ran on, and then snapped after it."""
     assert lab.arm.follow(lab.move()) == ""
     lab.feed(0.2)
@@ -139,7 +100,7 @@ def test_an_arm_whose_commander_has_lost_track_of_it_brakes(lab: Lab) -> None:
     assert lab.arm.state().fault == "", "nothing is broken: the next good one is followed"
 
 
-def test_a_reflex_is_not_recovered_by_the_next_command(lab: Lab) -> None:
+def test_a_reflex_is_not_recovered_by_the_next_command(lab: Any) -> None:
     """The trap: start_controller and move_* call recover() first.
 
     After a collision the next command then clears the error without a word and moves on.
@@ -157,10 +118,10 @@ def test_a_reflex_is_not_recovered_by_the_next_command(lab: Lab) -> None:
 
 
 def test_a_robot_that_stands_in_an_error_is_not_recovered_by_connecting(
-    robot: Kinematics, limits: JointLimits
+    make_lab: Callable[..., Any],
 ) -> None:
     """The trap: starting a controller recovers automatically, also the very first time."""
-    lab = Lab(robot, limits, PARAMS)
+    lab = make_lab()
     lab.robot.mode, lab.robot.errors = RobotMode.kReflex, {"joint_reflex"}
     lab.arm.connect()
     assert "start_controller" not in lab.robot.names()
@@ -172,10 +133,9 @@ def test_a_robot_that_stands_in_an_error_is_not_recovered_by_connecting(
     assert lab.arm.state().fault == ""
 
 
-def test_the_user_stop_must_be_released_by_hand(lab: Lab) -> None:
+def test_the_user_stop_must_be_released_by_hand(lab: Any) -> None:
     """The trap: recover() does nothing for kUserStopped and does not say so."""
-    lab.robot.mode, lab.robot.controller = RobotMode.kUserStopped, None
-    lab.robot.pending = RuntimeError("libfranka: user stop")
+    lab.robot.press_user_stop()
     lab.feed(0.1)
     assert "user stop" in lab.arm.follow(lab.move())
     assert "release it" in lab.arm.recover()
@@ -184,7 +144,7 @@ def test_the_user_stop_must_be_released_by_hand(lab: Lab) -> None:
     assert lab.arm.recover() == ""
 
 
-def test_a_failed_recovery_stays_a_fault(lab: Lab) -> None:
+def test_a_failed_recovery_stays_a_fault(lab: Any) -> None:
     lab.robot.recovers = False
     lab.robot.reflex("joint_reflex")
     lab.arm.feed()
@@ -192,7 +152,7 @@ def test_a_failed_recovery_stays_a_fault(lab: Lab) -> None:
     assert lab.arm.follow(lab.move())
 
 
-def test_an_error_that_is_told_only_once_is_kept(lab: Lab) -> None:
+def test_an_error_that_is_told_only_once_is_kept(lab: Any) -> None:
     """The trap: ctx.ok() raises a stored exception once; whoever asks again hears all is well."""
     lab.robot.reflex("communication_constraints_violation")
     assert not lab.arm.feed()
@@ -204,7 +164,7 @@ def test_an_error_that_is_told_only_once_is_kept(lab: Lab) -> None:
         assert "real-time" in state.fault
 
 
-def test_the_state_is_read_anew_where_no_controller_refreshes_it(lab: Lab) -> None:
+def test_the_state_is_read_anew_where_no_controller_refreshes_it(lab: Any) -> None:
     """The trap: without a running controller get_state() returns an old copy."""
     lab.robot.reflex("cartesian_reflex")
     lab.arm.feed()
@@ -214,7 +174,7 @@ def test_the_state_is_read_anew_where_no_controller_refreshes_it(lab: Lab) -> No
     np.testing.assert_allclose(state.positions, lab.robot.q)
 
 
-def test_the_wrench_is_what_the_environment_does_to_the_tool(lab: Lab) -> None:
+def test_the_wrench_is_what_the_environment_does_to_the_tool(lab: Any) -> None:
     """The trap: O_F_ext_hat_K counts what the ROBOT does to the environment as positive."""
     lab.robot.wrench = np.array([0, 0, 10.0, 0, 0, 0])
     lab.robot.tip[:3, 3] = lab.arm._kinematics.tip(lab.robot.q).position
@@ -223,7 +183,7 @@ def test_the_wrench_is_what_the_environment_does_to_the_tool(lab: Lab) -> None:
     np.testing.assert_allclose(wrench, [0, 0, -10.0, 0, 0, 0], atol=1e-9)
 
 
-def test_the_torque_is_moved_to_our_tip(lab: Lab) -> None:
+def test_the_torque_is_moved_to_our_tip(lab: Any) -> None:
     """The trap: the torque is about frame K, which Desk places, not about our cup."""
     tip = lab.arm._kinematics.tip(lab.robot.q).position
     lab.robot.tip[:3, 3] = tip - [0, 0, 0.05]
@@ -233,7 +193,7 @@ def test_the_torque_is_moved_to_our_tip(lab: Lab) -> None:
     np.testing.assert_allclose(lab.arm.state().wrench, [10, 0, 0, 0, -0.5, 0], atol=1e-9)
 
 
-def test_a_wrench_of_zeros_is_no_wrench(lab: Lab) -> None:
+def test_a_wrench_of_zeros_is_no_wrench(lab: Any) -> None:
     """The trap: near a singularity libfranka reports all zeros, which looks like no contact."""
     lab.robot.wrench = np.zeros(6)
     lab.feed(0.01)
@@ -241,18 +201,16 @@ def test_a_wrench_of_zeros_is_no_wrench(lab: Lab) -> None:
     assert "singularity" in lab.arm.tare()
 
 
-def test_a_wrench_near_a_singularity_is_not_believed(
-    robot: Kinematics, limits: JointLimits
-) -> None:
+def test_a_wrench_near_a_singularity_is_not_believed(make_lab: Callable[..., Any]) -> None:
     """The trap: close to the zeros the estimate is wrong without being zero."""
-    lab = Lab(robot, limits, replace(PARAMS, least_conditioning=10.0))
+    lab = make_lab(least_conditioning=10.0)
     lab.arm.connect()
     lab.robot.wrench = np.array([5.0, 0, 0, 0, 0, 0])
     lab.feed(0.01)
     assert lab.arm.state().wrench is None
 
 
-def test_taring_removes_the_offset(lab: Lab) -> None:
+def test_taring_removes_the_offset(lab: Any) -> None:
     """The trap: a wrong end-effector mass in Desk shows as a force without any contact."""
     lab.robot.tip[:3, 3] = lab.arm._kinematics.tip(lab.robot.q).position
     lab.robot.wrench = np.array([1.0, 2.0, 3.0, 0, 0, 0])
@@ -263,7 +221,7 @@ def test_taring_removes_the_offset(lab: Lab) -> None:
     np.testing.assert_allclose(lab.arm.state().wrench[:3], [0, 0, 7.0], atol=1e-9)
 
 
-def test_collision_thresholds_are_set_before_anything_moves(lab: Lab) -> None:
+def test_collision_thresholds_are_set_before_anything_moves(lab: Any) -> None:
     """The trap: the defaults are 10 to 20 N, far below what a drawer needs: a reflex at once."""
     names = lab.robot.names()
     assert names.index("set_collision_behavior") < names.index("start_controller")
@@ -275,7 +233,7 @@ def test_collision_thresholds_are_set_before_anything_moves(lab: Lab) -> None:
     assert all(low < high for low, high in zip(lower_torques, upper_torques, strict=True))
 
 
-def test_our_force_limit_trips_first_brakes_and_latches(lab: Lab) -> None:
+def test_our_force_limit_trips_first_brakes_and_latches(lab: Any) -> None:
     """The trap: the robot's own reflex fires before a softer limit above its threshold can."""
     trajectory = lab.move(by=1.0)
     lab.arm.follow(trajectory)
@@ -302,7 +260,7 @@ def test_force_limits_leave_a_cup_of_30_mm_its_margin() -> None:
     assert ProbeParams().force_limit < PandaParams().force_limit < PandaParams().collision_force
 
 
-def test_an_arm_that_does_not_follow_is_a_fault(lab: Lab) -> None:
+def test_an_arm_that_does_not_follow_is_a_fault(lab: Any) -> None:
     lab.robot.follows = False
     lab.arm.follow(lab.move(by=1.0))
     lab.feed(5.0)
@@ -319,29 +277,9 @@ def test_our_tip_is_not_the_hand_that_panda_python_assumes(robot: Kinematics) ->
     hand = tip.position - tip.axis * (0.16 - 0.103)
     assert np.linalg.norm(tip.position - hand) == pytest.approx(0.057)
     # A wrong end effector in Desk moves what the robot says, and nothing of ours.
-    lab_robot = RecordingRobot()
+    lab_robot = MockRobot()
     lab_robot.tip[:3, 3] = hand
     assert not np.allclose(lab_robot.tip[:3, 3], tip.position, atol=0.05)
-
-
-def test_what_keeps_from_connecting_is_said_with_the_remedy(
-    robot: Kinematics, limits: JointLimits
-) -> None:
-    """The trap: connection errors are plain RuntimeErrors that only their text tells apart."""
-    cases = {
-        "activate FCI in Desk": RuntimeError(
-            "Connection to FCI refused. Please install FCI feature or enable FCI mode in Desk."
-        ),
-        "libfranka 0.8.0": IncompatibleVersionError("server version 4", "0.8.0"),
-        "ping 172.16.0.2": RuntimeError("libfranka: Connection error: timeout"),
-    }
-    for words, error in cases.items():
-        lab = Lab(robot, limits, PARAMS)
-        lab.robot.refusal = error
-        with pytest.raises(BackendError, match=words):
-            lab.arm.connect()
-    with pytest.raises(BackendError, match="robot_ip"):
-        Lab(robot, limits, PandaParams()).arm.connect()
 
 
 def test_a_missing_panda_python_names_the_remedy(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -352,7 +290,7 @@ def test_a_missing_panda_python_names_the_remedy(monkeypatch: pytest.MonkeyPatch
     assert "websockets" in INSTALL
 
 
-def test_closing_brakes_and_stops_the_controller_and_may_be_repeated(lab: Lab) -> None:
+def test_closing_brakes_and_stops_the_controller_and_may_be_repeated(lab: Any) -> None:
     lab.arm.follow(lab.move(by=1.0))
     lab.feed(0.3)
     lab.arm.close()
@@ -363,8 +301,8 @@ def test_closing_brakes_and_stops_the_controller_and_may_be_repeated(lab: Lab) -
 
 def test_the_feeding_thread_runs_and_ends(robot: Kinematics, limits: JointLimits) -> None:
     """In real time, as with a robot: the thread feeds, and nothing of it is left after closing."""
-    bench = RecordingRobot()
-    arm = PandaArm(robot, limits, PARAMS, library=RecordingLibrary(bench))
+    bench = MockRobot()
+    arm = PandaArm(robot, limits, PARAMS, library=MockLibrary(bench))
     arm.connect()
     goal = bench.q + 0.02
     assert (
@@ -393,11 +331,26 @@ def test_the_stand_in_has_the_shape_of_the_real_library() -> None:
     assert issubclass(panda_py.IncompatibleVersionError, RuntimeError)
     for name in (
         *("start_controller", "stop_controller", "recover", "create_context"),
-        *("get_state", "refresh_state", "get_robot"),
+        *("get_state", "refresh_state", "is_moving", "get_robot"),
     ):
         assert hasattr(panda_py.Panda, name)
     libfranka = panda_py.libfranka
-    fields = ["q", "dq", "O_F_ext_hat_K", "O_T_EE", "EE_T_K", "robot_mode", "current_errors"]
+    for name in (
+        *("set_collision_behavior", "set_joint_impedance", "set_load"),
+        *("read_once", "automatic_error_recovery"),
+    ):
+        assert hasattr(libfranka.Robot, name)
+    assert libfranka.Duration(1500).to_sec() == 1.5
+    fields = [
+        "q",
+        "dq",
+        "O_F_ext_hat_K",
+        "O_T_EE",
+        "EE_T_K",
+        "robot_mode",
+        "current_errors",
+        "time",
+    ]
     assert all(hasattr(libfranka.RobotState, name) for name in fields)
     assert [mode.name for mode in RobotMode] == list(libfranka.RobotMode.__members__)
     assert str(libfranka.RobotMode.kReflex).rpartition(".")[2] == "kReflex"

@@ -11,7 +11,7 @@ import pytest
 
 from flowbothd_common.motion import MotionReason
 from flowbothd_common.transforms import angle_between, apply
-from flowbothd_common.types import ArcKind, JointArc
+from flowbothd_common.types import JointEstimate, JointKind
 from franka_suction_driver.arm.kinematics import Kinematics
 from franka_suction_driver.arm.limits import JointLimits
 from franka_suction_driver.params import MotionParams
@@ -121,7 +121,7 @@ def test_a_blocked_contact_names_what_touches(make_planner: Callable[..., Planne
 def test_the_opposite_side_is_taken_where_the_flow_side_is_closed(
     make_planner: Callable[..., Planner], robot: Kinematics
 ) -> None:
-    planner = make_planner(continuation=0.05)
+    planner = make_planner(lookahead=0.05)
     x, z = np.meshgrid(np.arange(0.2, 0.6, 0.01), np.arange(0.03, 0.7, 0.01))
     screen = np.column_stack([x.ravel(), np.full(x.size, 0.17), z.ravel()])
     planner.collision.set_points(np.concatenate([door(), screen]))
@@ -142,7 +142,7 @@ def test_a_tilted_tool_reaches_where_the_straight_one_cannot(
     direction /= np.linalg.norm(direction)
     tilts = []
     for slack in (0.0, 0.26):
-        planner = make_planner(tilt_slack=slack, continuation=0.0, push_from_front=False)
+        planner = make_planner(tilt_slack=slack, lookahead=0.0, push_from_front=False)
         planner.collision.set_points(None)
         planned = approach(planner, direction, contact)
         if planned.trajectory is None:
@@ -158,27 +158,27 @@ def test_a_tilted_tool_reaches_where_the_straight_one_cannot(
 def test_opening_poses_follow_the_arc_and_the_flow_tells_its_sense() -> None:
     contact, direction = np.array([0.5, 0.0, 0.3]), np.array([-1.0, 0, 0])
     for axis in (np.array([0, 0, 1.0]), np.array([0, 0, -1.0])):
-        arc = JointArc(ArcKind.ARC, axis, np.array([0.5, 0.2, 0.0]))
-        poses = opening_poses(contact, direction, 1, 0.1, 0.2 * np.pi / 2, arc)
+        joint = JointEstimate(JointKind.REVOLUTE, axis, np.array([0.5, 0.2, 0.0]))
+        poses = opening_poses(contact, direction, 1, 0.1, 0.2 * np.pi / 2, joint)
         np.testing.assert_allclose(poses.positions[0], contact + 0.1 * direction, atol=1e-12)
         np.testing.assert_allclose(poses.positions[poses.contact], contact, atol=1e-12)
         np.testing.assert_allclose(poses.positions[-1], [0.3, 0.2, 0.3], atol=1e-9)
         np.testing.assert_allclose(poses.axes[-1], [0, -1, 0], atol=1e-9)
-        radii = np.linalg.norm(poses.positions[poses.contact :, :2] - arc.point[:2], axis=1)
+        radii = np.linalg.norm(poses.positions[poses.contact :, :2] - joint.point[:2], axis=1)
         np.testing.assert_allclose(radii, 0.2, atol=1e-9)
 
 
 def test_the_moving_part_spans_axis_and_contact_and_leaves_the_tool_room() -> None:
     contact, direction = np.array([0.5, 0.0, 0.3]), np.array([-1.0, 0, 0])
-    arc = JointArc(ArcKind.ARC, np.array([0, 0, 1.0]), np.array([0.5, 0.2, 0.0]))
-    part = moving_part(contact, direction, 1, arc, PlateExtent())
+    joint = JointEstimate(JointKind.REVOLUTE, np.array([0, 0, 1.0]), np.array([0.5, 0.2, 0.0]))
+    part = moving_part(contact, direction, 1, joint, PlateExtent())
     assert part is not None
     corners = np.array([[i, j, k] for i in (-1, 1) for j in (-1, 1) for k in (-1, 1)])
     points = apply(part.pose, corners * np.array(part.size) / 2)
     assert points[:, 0].min() == pytest.approx(0.5)
     assert points[:, 1].max() == pytest.approx(0.2)
     assert points[:, 1].min() < 0.0
-    moved = displacement(contact, direction, arc, 0.2 * np.pi / 2)
+    moved = displacement(contact, direction, joint, 0.2 * np.pi / 2)
     np.testing.assert_allclose(apply(moved, contact), [0.3, 0.2, 0.3], atol=1e-9)
     assert moving_part(contact, direction, 1, None, PlateExtent()) is None
 
@@ -186,7 +186,7 @@ def test_the_moving_part_spans_axis_and_contact_and_leaves_the_tool_room() -> No
 def test_a_part_may_be_pushed_although_it_could_be_pulled(
     make_planner: Callable[..., Planner], robot: Kinematics
 ) -> None:
-    planned = approach(make_planner(pull=False, continuation=0.05), BACK, CONTACT)
+    planned = approach(make_planner(pull=False, lookahead=0.05), BACK, CONTACT)
     assert planned.reason is MotionReason.REACHED, planned.message
     assert planned.side == -1
     assert planned.trajectory is not None
@@ -197,10 +197,10 @@ def test_a_part_may_be_pushed_although_it_could_be_pulled(
 
 def test_a_plate_reaches_as_far_as_its_points_hang_together() -> None:
     """Beyond a gap begins another thing, such as the frame."""
-    arc = JointArc(ArcKind.ARC, np.array([0, 0, 1.0]), np.array([0.26, 0.09, 0.0]))
+    joint = JointEstimate(JointKind.REVOLUTE, np.array([0, 0, 1.0]), np.array([0.26, 0.09, 0.0]))
     points = door()
     beside = points + np.array([0.26, 0.0, 0.0])
-    extent = plate_extent(CONTACT, FRONT, arc, np.concatenate([points, beside]))
+    extent = plate_extent(CONTACT, FRONT, joint, np.concatenate([points, beside]))
     assert extent.beyond == pytest.approx(points[:, 0].max() - CONTACT[0], abs=1e-6)
     assert extent.low == pytest.approx(0.03 - CONTACT[2], abs=1e-6)
     assert extent.high == pytest.approx(points[:, 2].max() - CONTACT[2], abs=1e-6)
@@ -210,15 +210,15 @@ def test_the_arm_keeps_clear_of_the_part_that_it_leaves(
     make_planner: Callable[..., Planner], robot: Kinematics
 ) -> None:
     """The incident: the arm hid the leaf from the camera, and pushed it shut with 264 N."""
-    planner = make_planner(continuation=0.05)
-    arc = JointArc(ArcKind.ARC, np.array([0, 0, 1.0]), np.array([0.26, 0.1, 0.0]))
-    there = planner.approach(START, CONTACT, BACK, arc, np.random.default_rng(0))
+    planner = make_planner(lookahead=0.05)
+    joint = JointEstimate(JointKind.REVOLUTE, np.array([0, 0, 1.0]), np.array([0.26, 0.1, 0.0]))
+    there = planner.approach(START, CONTACT, BACK, joint, np.random.default_rng(0))
     assert there.trajectory is not None
     standoff = there.trajectory.positions[-1]
     tip = robot.tip(standoff)
     planner.collision.set_points(None)
     # The leaf has come to where the tool stands, between the arm and its home pose.
-    here = replace(arc, point=arc.point + 0.1 * BACK)
+    here = replace(joint, point=joint.point + 0.1 * BACK)
     extent = PlateExtent(low=-0.2, high=0.18, beyond=0.1)
     plate = moving_part(tip.position, -tip.axis, 1, here, extent)
     assert plate is not None
@@ -236,9 +236,9 @@ def test_the_arm_keeps_clear_of_the_part_that_it_leaves(
 def test_near_a_hinge_the_opening_is_looked_at_in_small_turns() -> None:
     """The incident: two poses stood for an opening of 66 degrees, and the frame lay between."""
     contact, direction = np.array([0.5, 0.0, 0.3]), np.array([1.0, 0, 0])
-    arc = JointArc(ArcKind.ARC, np.array([0, 0, 1.0]), np.array([0.5, 0.03, 0.0]))
+    joint = JointEstimate(JointKind.REVOLUTE, np.array([0, 0, 1.0]), np.array([0.5, 0.03, 0.0]))
     travel = 0.03 * np.radians(66)
-    poses = opening_poses(contact, direction, -1, 0.1, travel, arc, back_off=0.1)
+    poses = opening_poses(contact, direction, -1, 0.1, travel, joint, back_off=0.1)
     opening = poses.axes[poses.contact : poses.opened + 1]
     turns = [angle_between(a, b) for a, b in pairwise(opening)]
     assert 0 < max(turns) <= 0.25 + 1e-9

@@ -17,7 +17,7 @@ PARKED = np.array([-5.0, 0.0, 5.0])
 
 @dataclass(frozen=True)
 class _Grasp:
-    """What is held: link id, the point in that link's frame, the constraint."""
+    """Held part: link id, the point in that link's frame, the constraint."""
 
     link: int
     local: Array

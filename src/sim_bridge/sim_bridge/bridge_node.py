@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from typing import Any
 
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 from std_msgs.msg import Header, String
 from trajectory_msgs.msg import JointTrajectory
@@ -15,6 +14,7 @@ from flowbothd_common.ros import qos
 from flowbothd_common.ros.clouds import XYZ, from_cloud_message, to_flow_message
 from flowbothd_common.ros.conversions import from_pose, from_trajectory, to_pose, to_seconds
 from flowbothd_common.ros.diagnostics import ERROR, OK, WARN, NodeStatus
+from flowbothd_common.ros.guard import Guard
 from flowbothd_common.ros.node_main import run_node
 from flowbothd_common.ros.parameters import declare
 from flowbothd_interfaces.msg import SuctionCommand
@@ -44,11 +44,11 @@ class BridgeNode(Node):
         self._holding = False
         self._vacuum = 0.0
         self._outputs = BridgeOutputs(self, self._params)
+        self._guard = Guard(self, self._on_failure)
         self._create_inputs()
-        self.status = NodeStatus(self)
+        self.status = NodeStatus(self, self._guard)
         self._pacer = Pacer(self._params.arm.time_step)
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._timer = self.create_timer(_POLL, self._on_poll, clock=steady)
+        self._timer = self._guard.every(_POLL, self._on_poll)
         self._report()
 
     def destroy_node(self) -> None:
@@ -61,13 +61,18 @@ class BridgeNode(Node):
         super().destroy_node()
 
     def _create_inputs(self) -> None:
-        listen = self.create_subscription
+        listen, serve = self._guard.subscribe, self._guard.serve
         listen(String, "robot_description", self._on_description, qos.LATCHED)
         listen(JointTrajectory, "joint_trajectory", self._on_trajectory, qos.COMMAND)
         listen(SuctionCommand, "suction/command", self._on_suction, qos.COMMAND)
         listen(Header, "motion/heartbeat", self._on_heartbeat, qos.HEARTBEAT)
-        self.create_service(ResetSim, "sim/reset", self._on_reset)
-        self.create_service(GroundTruthFlow, "sim/ground_truth_flow", self._on_ground_truth)
+        serve(ResetSim, "sim/reset", self._on_reset)
+        serve(GroundTruthFlow, "sim/ground_truth_flow", self._on_ground_truth)
+
+    def _on_failure(self, _: str) -> None:
+        """Hold the arm: the last command may be what broke the world."""
+        if self._session is not None:
+            self._session.world.hold()
 
     def _needed_session(self) -> Session:
         if self._session is None:
@@ -106,6 +111,7 @@ class BridgeNode(Node):
             reason = session.world.command_trajectory(from_trajectory(message), begin)
         if reason:
             self.get_logger().warning(f"joint_trajectory rejected: {reason}")
+            self._guard.refuse("joint_trajectory", reason)
 
     def _on_suction(self, message: SuctionCommand) -> None:
         try:
@@ -113,6 +119,7 @@ class BridgeNode(Node):
             self._vacuum = message.vacuum
         except (FlowBotError, ValueError) as error:
             self.get_logger().warning(f"suction/command rejected: {error}")
+            self._guard.refuse("suction/command", str(error))
 
     def _on_poll(self) -> None:
         now = time.monotonic()

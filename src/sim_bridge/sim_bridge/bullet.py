@@ -79,11 +79,11 @@ class Bullet:
         self.clear()
 
     def clear(self) -> None:
-        """Remove all bodies and start anew."""
+        """Remove all bodies and start over."""
         p.resetSimulation(physicsClientId=self.client)
         p.setTimeStep(self.time_step, physicsClientId=self.client)
         p.setGravity(0, 0, -self._gravity, physicsClientId=self.client)
-        # Files are generated anew for every object: cached ones would only fill the memory.
+        # Files are generated again for every object: cached ones would only fill the memory.
         p.setPhysicsEngineParameter(
             deterministicOverlappingPairs=1, enableFileCaching=0, physicsClientId=self.client
         )
@@ -184,7 +184,7 @@ class Bullet:
     def link_pose(self, body: int, link: int) -> Array:
         """(4, 4) pose of a link frame in base."""
         if link < 0:
-            # PyBullet tells the base's centre of mass; its offset from the link frame is fixed.
+            # PyBullet returns the base's centre of mass; its offset from the link frame is fixed.
             base = p.getBasePositionAndOrientation(body, physicsClientId=self.client)
             offset = p.getDynamicsInfo(body, -1, physicsClientId=self.client)[3:5]
             position, quaternion = p.multiplyTransforms(*base, *p.invertTransform(*offset))

@@ -143,7 +143,7 @@ class DepthCamera:
         self._views: list[_View | None] = [None] * len(self._scenes)
 
     def seed(self, seed: int) -> None:
-        """Start the noise anew."""
+        """Restart the noise."""
         self._rng = np.random.default_rng(seed)
 
     def render(self, poses: Mapping[str, Array]) -> DepthImage:

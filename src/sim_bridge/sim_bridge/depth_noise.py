@@ -1,4 +1,4 @@
-"""What a time-of-flight camera does to depths: noise that grows with distance, flying pixels."""
+"""Errors of a time-of-flight camera: noise that grows with distance, flying pixels."""
 
 from __future__ import annotations
 

@@ -65,7 +65,7 @@ class FloatingParams:
 
 @dataclass(frozen=True)
 class Observation:
-    """What the policy sees.
+    """Input of the policy.
 
     Attributes:
         points: (N, 3) float32 in base [m].
@@ -118,7 +118,7 @@ class FloatingWorld(ObjectWorld):
         remove(self._path)
 
     def reset(self, seed: int = 0) -> None:
-        """Close the object, park the gripper, switch the suction off, start the draws anew."""
+        """Close the object, park the gripper, switch the suction off, restart the random draws."""
         self._rng = np.random.default_rng(seed)
         self._bullet.clear()
         self._object = self._bullet.load_object(self.model, self._path, self.object_pose)
@@ -187,7 +187,7 @@ class FloatingWorld(ObjectWorld):
             self._gripper.hold()
 
     def suction(self) -> SuctionReading:
-        """What a pump would measure."""
+        """Measurement of a pump in place of the ball."""
         held = self._gripper.held_link is not None
         return SuctionReading(self._vacuum if held else 0.0, held)
 

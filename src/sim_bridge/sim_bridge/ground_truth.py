@@ -37,7 +37,7 @@ class GroundTruth:
 
 
 class FlowOracle:
-    """Knows an object and tells the flow of any cloud of it."""
+    """Ground-truth flow of any cloud of one object."""
 
     def __init__(self, model: ObjectModel) -> None:
         self._model = model

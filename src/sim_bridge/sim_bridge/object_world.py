@@ -1,4 +1,4 @@
-"""What every stepped world knows of the object that stands in it."""
+"""State of the object, shared by all stepped worlds."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ class ObjectWorld:
 
     @property
     def open_ratio(self) -> float:
-        """Of the target joint."""
+        """Open ratio of the target joint."""
         return self.open_ratios()[self.model.target_joint]
 
     def ground_truth_flow(self, points: object, *, target_only: bool = False) -> GroundTruth:

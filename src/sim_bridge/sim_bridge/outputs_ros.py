@@ -1,4 +1,4 @@
-"""What the bridge publishes, and when."""
+"""Publishers of the bridge and their rates."""
 
 from __future__ import annotations
 
@@ -50,9 +50,9 @@ class BridgeOutputs:
 
         Args:
             session: World and camera.
-            vacuum: What the pump was told [Pa].
+            vacuum: Commanded set-point of the pump [Pa].
             factor: Real-time factor.
-            holding: The arm holds because nobody commands it.
+            holding: The arm holds because no commands arrive.
         """
         params = self._params
         step = params.arm.time_step
@@ -107,8 +107,8 @@ def _measurement(session: Session, header: Header, vacuum: float) -> SuctionMeas
     reading = session.world.suction()
     return SuctionMeasurement(
         header=header,
-        pressure=reading.pressure,
-        in_control_range=0 < 0.9 * vacuum <= reading.pressure,
+        vacuum=reading.vacuum,
+        in_control_range=0 < 0.9 * vacuum <= reading.vacuum,
         part_present=reading.part_present,
         part_detached=reading.part_detached,
         fault=bool(reading.fault),

@@ -75,7 +75,7 @@ class Watchdog:
         self._heard = now
 
     def silent(self, now: float) -> bool:
-        """Whether the other side is silent; to be asked often."""
+        """Return True if the other side is silent; call this often."""
         stall = 0.0 if self._checked is None else now - self._checked - self._timeout / 2
         self._checked = now
         if self._heard is None:

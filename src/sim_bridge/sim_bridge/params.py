@@ -77,7 +77,7 @@ class BridgeParams:
     )
     object_yaw: float = parameter(0.0, "Turn of the object about z [rad]; with object_position")
     seed: int = parameter(0, "Draws mode, proportions and depth noise", minimum=0)
-    base_frame: str = parameter("panda_link0", "Frame id of everything told in base")
+    base_frame: str = parameter("panda_link0", "Frame id of all messages in the base frame")
     joint_names: tuple[str, ...] = parameter(_ARM.joint_names, "The arm's joints, in order")
     start: tuple[float, ...] = parameter(_ARM.start, "Joint positions after a reset [rad]")
     flange: str = parameter(_ARM.flange, "Link below which everything belongs to the tool")
@@ -96,7 +96,7 @@ class BridgeParams:
     )
     start_tolerance: float = parameter(
         _ARM.start_tolerance,
-        "How far beside where the arm is commanded to be a trajectory may begin [rad]",
+        "Largest distance of a trajectory's first point from the commanded state [rad]",
         minimum=0.0,
     )
     camera: CameraParams = field(default_factory=CameraParams)
@@ -117,7 +117,7 @@ class BridgeParams:
 
     @property
     def arm(self) -> ArmWorldParams:
-        """What the world wants to know."""
+        """Parameters of the world."""
         return ArmWorldParams(
             joint_names=self.joint_names,
             start=self.start,

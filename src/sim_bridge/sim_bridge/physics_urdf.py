@@ -1,4 +1,4 @@
-"""What PyBullet gets to load: the joints and convex collision shapes of an object, or a robot."""
+"""URDF for PyBullet: the joints and convex collision shapes of an object, or a robot."""
 
 from __future__ import annotations
 
@@ -99,7 +99,7 @@ def _collisions(link: ET.Element, source: UrdfLink, folder: Path, *, static: boo
 
 
 def _covers(felt: list[Mesh], seen: list[Mesh]) -> bool:
-    """Whether collision meshes reach as far as what is seen; some published ones do not."""
+    """Return True if collision meshes cover the visual ones; some published ones do not."""
     if not felt or not seen:
         return bool(felt)
     solid, visible = merge(felt).vertices, merge(seen).vertices

@@ -17,7 +17,7 @@ from sim_bridge.world import ArmWorld
 
 @dataclass(frozen=True)
 class Setup:
-    """What stands before the arm.
+    """Object in front of the arm.
 
     Attributes:
         object: Registered name, folder or file.
@@ -46,7 +46,7 @@ class Setup:
 
 
 def initial_setup(params: BridgeParams) -> Setup:
-    """What the parameters ask for."""
+    """Return the setup that the parameters describe."""
     pose = None
     if params.object_position:
         pose = transform(rotation_about((0, 0, 1), params.object_yaw), params.object_position)

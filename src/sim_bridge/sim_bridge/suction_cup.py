@@ -65,7 +65,7 @@ class CupParams:
 
 @dataclass(frozen=True)
 class SurfaceHit:
-    """Where a ray met something: a body and link id, point and outward normal, (3,) in base."""
+    """Hit of a ray: a body and link id, point and outward normal, (3,) in base."""
 
     body: int
     link: int
@@ -74,7 +74,7 @@ class SurfaceHit:
 
 
 class Surroundings(Protocol):
-    """What the cup can feel; implemented by the physics world."""
+    """Physics around the cup; implemented by the world."""
 
     def cast(self, starts: Array, ends: Array) -> Sequence[SurfaceHit | None]:
         """First hit of each of (R, 3) rays that is not the robot's own."""
@@ -101,7 +101,7 @@ class CupForce:
 
 @dataclass(frozen=True)
 class _Hold:
-    """What is held: the link, and in its frame the anchor of the spring and the outward normal."""
+    """Held part: the link, and in its frame the anchor of the spring and the outward normal."""
 
     body: int
     link: int
@@ -119,7 +119,7 @@ class SuctionCup:
     def reset(self) -> None:
         """Pump off, nothing held, no vacuum."""
         self._vacuum = 0.0
-        self._pressure = 0.0
+        self._reached_vacuum = 0.0
         self._detached = False
         self._hold: _Hold | None = None
         self._held_for = 0.0
@@ -162,9 +162,9 @@ class SuctionCup:
         return self._shear
 
     def reading(self) -> SuctionReading:
-        """What the pump measures."""
-        enough = self._pressure >= self.params.present_fraction * max(self._vacuum, 1.0)
-        return SuctionReading(self._pressure, self.attached and enough, self._detached)
+        """Return the pump's measurement."""
+        enough = self._reached_vacuum >= self.params.present_fraction * max(self._vacuum, 1.0)
+        return SuctionReading(self._reached_vacuum, self.attached and enough, self._detached)
 
     def step(self, dt: float, tip: Array, velocity: Array, world: Surroundings) -> CupForce | None:
         """Advance by `dt`.
@@ -180,12 +180,12 @@ class SuctionCup:
         """
         if self._hold is None and self._vacuum > 0 and not self._detached:
             self._try_to_seal(tip, world)
-        self._update_pressure(dt)
+        self._update_vacuum(dt)
         if self._hold is None:
             return self._press(tip, velocity, world)
         return self._pull(self._hold, dt, tip, velocity, world)
 
-    def _update_pressure(self, dt: float) -> None:
+    def _update_vacuum(self, dt: float) -> None:
         if self._vacuum == 0:
             goal, constant = 0.0, self.params.vent_time
         elif self.attached:
@@ -193,10 +193,12 @@ class SuctionCup:
         else:
             goal = self._vacuum * self.params.free_fraction
             constant = self.params.vent_time
-        self._pressure += (goal - self._pressure) * (1.0 - float(np.exp(-dt / constant)))
+        self._reached_vacuum += (goal - self._reached_vacuum) * (
+            1.0 - float(np.exp(-dt / constant))
+        )
 
     def _look(self, tip: Array, world: Surroundings) -> tuple[SurfaceHit | None, float]:
-        """What lies before the middle of the lip, and its distance [m], negative if pressed in."""
+        """Surface in front of the lip's centre and its distance [m], negative if pressed in."""
         axis, middle = tip[:3, 2], tip[:3, 3]
         start = middle - self.params.reach * axis
         end = middle + self.params.attach_gap * axis

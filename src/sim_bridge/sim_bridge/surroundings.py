@@ -1,4 +1,4 @@
-"""What stands in the arm's world besides the object: the table, and the robot as it looks."""
+"""Contents of the arm's world except the object: the table, and the robot's appearance."""
 
 from __future__ import annotations
 

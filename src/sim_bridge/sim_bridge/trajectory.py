@@ -51,7 +51,7 @@ class TrajectoryFollower:
             joint_names: J names.
             positions: Where the joints are [rad].
             hold_time: Time in which `hold` brings the joints to rest [s].
-            start_tolerance: How far beside the commanded state a trajectory may begin [rad].
+            start_tolerance: Largest distance of the first point from the commanded state [rad].
         """
         self.joint_names = joint_names
         self.hold_time = hold_time
@@ -122,7 +122,7 @@ class TrajectoryFollower:
         self._order = 5
 
     def active(self, now: float) -> bool:
-        """Whether the trajectory has not ended yet."""
+        """True until the trajectory has ended."""
         return bool(len(self._times)) and now < float(self._times[-1])
 
     def sample(self, now: float) -> JointSample:

@@ -262,7 +262,7 @@ class _Reader:
             raise ObjectModelError(
                 f"mesh file of link {link} is missing",
                 got=f"{filename} (line {self._line(filename)} of {self._label})",
-                hint="copy the whole object folder, or mend the <mesh filename>",
+                hint="copy the whole object folder, or fix the <mesh filename>",
             )
         return path
 

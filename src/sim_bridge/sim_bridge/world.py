@@ -26,7 +26,7 @@ from sim_bridge.urdf import Urdf, read_urdf
 
 @dataclass(frozen=True)
 class ArmWorldParams:
-    """What the world has to know of the robot, and how it is stepped.
+    """Robot of the world, and its stepping.
 
     Attributes:
         joint_names: The arm's joints, in order.
@@ -37,8 +37,8 @@ class ArmWorldParams:
         resting_links: Links that stand on the table and may touch it.
         time_step: [s].
         gravity: [m/s^2].
-        start_tolerance: How far beside where the arm is commanded to be a trajectory may begin;
-            above what a motion takes for the same place [rad].
+        start_tolerance: Largest distance of a trajectory's first point from the commanded state;
+            larger than what a motion takes for the same place [rad].
         cup: Physics of the cup.
     """
 
@@ -65,7 +65,7 @@ class ArmWorldParams:
 class ArmWorld(ObjectWorld):
     """A stepped world with the arm; the base frame is the robot's base, the table's top is z = 0.
 
-    The arm is position controlled within its URDF's efforts and follows what it is told within a
+    The arm is position controlled within its URDF's efforts and follows its commands within a
     fraction of a millimetre: compliance has to come from the one who commands it. The cup is the
     only soft thing. The arm does not collide with itself, and the cup's own link with nothing (its
     spring is its contact); everything else of the robot collides with object and table.
@@ -135,7 +135,7 @@ class ArmWorld(ObjectWorld):
         object_pose: Array | None = None,
         joint_positions: Sequence[float] | None = None,
     ) -> None:
-        """Build everything anew: object closed, arm at rest, pump off, time zero.
+        """Rebuild everything: object closed, arm at rest, pump off, time zero.
 
         Args:
             model: Another object; the present one if omitted.
@@ -222,7 +222,7 @@ class ArmWorld(ObjectWorld):
         return self._wrench.copy()
 
     def suction(self) -> SuctionReading:
-        """What the pump measures."""
+        """Measurement of the pump."""
         return self._cup.reading()
 
     @property
@@ -243,7 +243,7 @@ class ArmWorld(ObjectWorld):
         )
 
     def contacts(self) -> list[ContactForce]:
-        """Contacts in the last tick between robot and object or table that nobody asked for."""
+        """Unwanted contacts in the last tick between the robot and the object or table."""
         return list(self._contacts)
 
     def worst_contacts(self) -> dict[tuple[str, str], float]:

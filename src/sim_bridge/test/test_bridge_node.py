@@ -339,12 +339,12 @@ def test_the_pump_obeys(running):
 
     measured = running.listen(SuctionMeasurement, "suction/measurement")
     running.publish(SuctionCommand(vacuum=60_000.0), "suction/command")
-    running.until(lambda: measured and measured[-1].pressure > 3000, "some vacuum")
+    running.until(lambda: measured and measured[-1].vacuum > 3000, "some vacuum")
     assert not measured[-1].part_present
     assert not measured[-1].in_control_range
     running.publish(SuctionCommand(vacuum=-5.0), "suction/command")
     running.publish(SuctionCommand(vacuum=0.0), "suction/command")
-    running.until(lambda: measured[-1].pressure < 100, "no vacuum")
+    running.until(lambda: measured[-1].vacuum < 100, "no vacuum")
 
 
 @pytest.mark.parametrize(

@@ -84,22 +84,22 @@ def test_without_vacuum_nothing_seals_and_nothing_is_measured():
     cup = SuctionCup()
     run(cup, Plate(), tip_at(0.0), 0.1)
     assert not cup.attached
-    assert cup.reading().pressure == 0.0
+    assert cup.reading().vacuum == 0.0
 
 
-def test_pressure_builds_up_and_the_flag_follows_it():
+def test_the_vacuum_builds_up_and_the_flag_follows_it():
     cup, plate = SuctionCup(), Plate()
     cup.command(FULL)
     run(cup, plate, tip_at(0.05), 0.3)
     free = cup.reading()
-    assert 0 < free.pressure < 0.15 * FULL
+    assert 0 < free.vacuum < 0.15 * FULL
     assert not free.part_present
     cup.step(DT, tip_at(0.0), np.zeros(3), plate)
     assert cup.attached
     assert not cup.reading().part_present, "vacuum takes its time"
     run(cup, plate, tip_at(0.0), 0.2)
     assert cup.reading().part_present
-    assert cup.reading().pressure == pytest.approx(FULL, rel=0.01)
+    assert cup.reading().vacuum == pytest.approx(FULL, rel=0.01)
 
 
 def test_it_seals_without_force_and_then_pulls_like_a_spring():
@@ -215,7 +215,7 @@ def test_switching_off_lets_go_and_vents():
     cup.command(0.0)
     assert not cup.attached
     run(cup, plate, tip_at(0.01), 0.3)
-    assert cup.reading().pressure < 100.0
+    assert cup.reading().vacuum < 100.0
     assert not cup.reading().part_detached
 
 

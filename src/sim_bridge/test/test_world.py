@@ -198,7 +198,7 @@ def test_reset_puts_everything_back_and_takes_another_object(world):
     assert world.open_ratio == 0.0
     assert np.array_equal(world.object_pose, pose)
     assert np.allclose(world.joint_state()[0], START)
-    assert world.suction().pressure == 0.0
+    assert world.suction().vacuum == 0.0
     drawer = load_object("drawer")
     world.reset(drawer)
     assert np.array_equal(world.object_pose, drawer.default_pose)

@@ -1,4 +1,4 @@
-"""What the doctor judges, each from what was found: green, yellow or red, with the remedy."""
+"""Checks of the doctor: green, yellow or red, with the remedy."""
 
 from __future__ import annotations
 
@@ -16,11 +16,12 @@ _SAME_POINT = 0.005
 
 
 class Light(StrEnum):
-    """How bad it is."""
+    """Severity of a finding."""
 
     GREEN = "green"
     YELLOW = "yellow"
     RED = "red"
+    SKIPPED = "skipped"
 
 
 @dataclass(frozen=True)
@@ -29,7 +30,7 @@ class Check:
 
     Attributes:
         name: What was looked at.
-        light: Green: well; yellow: works, but; red: will not work.
+        light: Green: well; yellow: works, but; red: will not work; skipped: was not looked at.
         found: What was found.
         remedy: What to do; empty for green.
     """
@@ -42,7 +43,7 @@ class Check:
 
 @dataclass
 class Heard:
-    """What was heard of one topic while listening.
+    """Messages received on one topic while listening.
 
     Attributes:
         times: When each message came, on the steady clock [s].
@@ -61,7 +62,7 @@ class Heard:
 
 
 def judge_rate(name: str, heard: Heard, least: float, remedy: str) -> Check:
-    """Whether a topic comes often enough."""
+    """Check the rate of a topic."""
     if not heard.times:
         return Check(name, Light.RED, "nothing came", remedy)
     light = Light.GREEN if heard.rate >= least else Light.YELLOW
@@ -74,7 +75,7 @@ def judge_rate(name: str, heard: Heard, least: float, remedy: str) -> Check:
 
 
 def judge_stamps(name: str, heard: Heard) -> Check:
-    """Whether stamps are of this computer's clock."""
+    """Check that stamps are on this computer's clock."""
     if not heard.delays:
         return Check(name, Light.RED, "no stamps", "start the driver")
     delay = float(np.median(heard.delays))
@@ -89,13 +90,13 @@ def judge_stamps(name: str, heard: Heard) -> Check:
 
 
 def judge_calibration(parameters: Parameters, missing: Sequence[str]) -> Check:
-    """Whether everything that nobody can guess is given, and could be true."""
+    """Check that required parameters are given and plausible."""
     if missing:
         return Check(
             "parameters of the lab",
             Light.RED,
             f"missing: {', '.join(missing)}",
-            "write them into a file and give it with --params (docs/real_robot.md)",
+            "write them into a file and give it with --params (docs/tutorials/own_robot.md)",
         )
     quaternion = np.array(parameters["perception_node"]["camera.quaternion"], dtype=float)
     length = float(np.linalg.norm(quaternion))
@@ -104,7 +105,7 @@ def judge_calibration(parameters: Parameters, missing: Sequence[str]) -> Check:
             "parameters of the lab",
             Light.RED,
             f"camera.quaternion has length {length:.3f}",
-            "give a unit quaternion x, y, z, w: calibrate anew",
+            "give a unit quaternion x, y, z, w: calibrate again",
         )
     position = np.round(parameters["perception_node"]["camera.position"], 3).tolist()
     return Check("parameters of the lab", Light.GREEN, f"camera at {position} m")
@@ -133,7 +134,7 @@ def judge_end_effector(ours: Array | None, robots: Array | None) -> Check:
 
 
 def judge_wrench(name: str, forces: Sequence[float]) -> Check:
-    """Whether a force is measured, and small while nothing touches."""
+    """Check that a force is measured, and small without contact."""
     if not forces:
         return Check(
             name,
@@ -141,6 +142,14 @@ def judge_wrench(name: str, forces: Sequence[float]) -> Check:
             "no external_wrench",
             "move the arm away from a singularity (libfranka reports zeros there); remap the "
             "driver's wrench topic",
+        )
+    finite = np.isfinite(forces)
+    if not finite.all():
+        return Check(
+            name,
+            Light.RED,
+            f"{int((~finite).sum())} of {len(forces)} forces are not finite",
+            "look for drop-outs in the sensor or its driver: such a wrench is never believed",
         )
     force = float(np.median(forces))
     if force < 3.0:
@@ -154,13 +163,13 @@ def judge_wrench(name: str, forces: Sequence[float]) -> Check:
 
 
 def judge_pump(heard: Heard, fault: str) -> Check:
-    """Whether the pump answers."""
+    """Check that the pump answers."""
     if not heard.times:
         return Check(
             "pump",
             Light.RED,
             "no suction/measurement",
-            "start `flowbothd up real`; Desk, Settings, End-Effector must say Cobot Pump",
+            "start `flowbothd up robot`; Desk, Settings, End-Effector must say Cobot Pump",
         )
     if fault:
         return Check("pump", Light.RED, fault, "see its display and pump_node's log")
@@ -168,11 +177,11 @@ def judge_pump(heard: Heard, fault: str) -> Check:
 
 
 def judge_nodes(expected: Sequence[str], said: dict[str, tuple[bool, str]]) -> list[Check]:
-    """Whether every node lives and is ready; what is not is said in its own words."""
+    """Check that every node is alive and ready; a node that is not is quoted."""
     checks = []
     for name in expected:
         if name not in said:
-            text = "start `flowbothd up real`, or see its log"
+            text = "start `flowbothd up robot`, or see its log"
             checks.append(Check(name, Light.RED, "not heard", text))
         elif not said[name][0]:
             checks.append(Check(name, Light.RED, said[name][1] or "not ready", "as it says"))
@@ -182,8 +191,13 @@ def judge_nodes(expected: Sequence[str], said: dict[str, tuple[bool, str]]) -> l
 
 
 def as_text(checks: Sequence[Check], *, colour: bool) -> str:
-    """The list for people, remedies below what they mend."""
-    marks = {Light.GREEN: ("ok ", "32"), Light.YELLOW: ("?  ", "33"), Light.RED: ("NO ", "31")}
+    """The list for people, each remedy below its finding."""
+    marks = {
+        Light.GREEN: ("ok ", "32"),
+        Light.YELLOW: ("?  ", "33"),
+        Light.RED: ("NO ", "31"),
+        Light.SKIPPED: ("-  ", "2"),
+    }
     lines = []
     for check in checks:
         mark, code = marks[check.light]

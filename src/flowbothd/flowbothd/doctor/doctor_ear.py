@@ -16,6 +16,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import CameraInfo, Image, JointState
 
 from flowbothd.doctor.doctor_checks import Heard
+from flowbothd.doctor.doctor_touch import WrenchSample
 from flowbothd_common.ros.conversions import to_seconds
 from flowbothd_common.types import Array
 from flowbothd_interfaces.msg import Heartbeat, SuctionMeasurement
@@ -37,6 +38,7 @@ class Ear:
         heard: By topic.
         positions: Newest joint positions by name [rad].
         forces: Sizes of the forces heard [N].
+        wrenches: The forces heard, with their frames.
         end_effector: (3,) newest `arm/end_effector` [m], or None.
         pump_fault: Newest fault of the pump.
         said: Node -> ready, and in its own words.
@@ -51,6 +53,7 @@ class Ear:
         self.heard = {name: Heard() for name in _TOPICS}
         self.positions: dict[str, float] = {}
         self.forces: list[float] = []
+        self.wrenches: list[WrenchSample] = []
         self.end_effector: Array | None = None
         self.pump_fault = ""
         self.said: dict[str, tuple[bool, str]] = {}
@@ -91,8 +94,9 @@ class Ear:
         self.positions.update(zip(message.name, message.position, strict=False))
 
     def _on_wrench(self, message: WrenchStamped) -> None:
-        force = message.wrench.force
-        self.forces.append(float(np.linalg.norm([force.x, force.y, force.z])))
+        force = np.array([getattr(message.wrench.force, axis) for axis in "xyz"])
+        self.forces.append(float(np.linalg.norm(force)))
+        self.wrenches.append(WrenchSample(force, message.header.frame_id))
 
     def _on_pump(self, message: SuctionMeasurement) -> None:
         self.pump_fault = message.fault_message if message.fault else ""

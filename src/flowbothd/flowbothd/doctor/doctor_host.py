@@ -1,4 +1,4 @@
-"""What the doctor looks at on this computer, without ROS: libraries, kernel, network."""
+"""Checks of this computer, without ROS: libraries, kernel, network."""
 
 from __future__ import annotations
 

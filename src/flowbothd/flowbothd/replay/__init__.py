@@ -1,1 +1,1 @@
-"""Recordings made to happen again: played to nodes, or computed anew and compared."""
+"""Replay of recordings: played to nodes, or recomputed and compared."""

@@ -57,7 +57,7 @@ class Comparison:
 
     @property
     def identical(self) -> bool:
-        """Whether something was compared and all of it is the same."""
+        """True if something was compared and all of it is the same."""
         return self.compared > 0 and self.equal == self.compared and not self.problems
 
     @property

@@ -18,8 +18,10 @@ from flowbothd_common.ros import clouds
 from flowbothd_common.ros.conversions import to_seconds
 from flowbothd_common.types import Cloud
 from flowbothd_perception.perception_node import PerceptionNode
+from flowbothd_rosbag.lookup import topic_called
 from flowbothd_rosbag.metadata import BagError
 from flowbothd_rosbag.reader import Bag, Span
+from flowbothd_rosbag.types_ros import type_of
 
 NODE = "perception_node"
 
@@ -64,7 +66,7 @@ class _ReplayedPerception(PerceptionNode):
 
 @dataclass(frozen=True)
 class Perceived:
-    """What the node put out again.
+    """Recomputed output of the node.
 
     Attributes:
         clouds: (N, 3) object clouds by stamp of the frame.
@@ -113,9 +115,9 @@ def perceive_again(bag: Bag, story: Story, span: Span | None = None) -> Perceive
 
 def joint_period(bag: Bag, span: Span | None = None) -> float:
     """Median time between joint states [s]; 0 if there are none."""
-    topics = [name for name in bag.topics if name.endswith("/joint_states")]
+    topic = topic_called(bag, "joint_states", "sensor_msgs/msg/JointState")
     stamps = []
-    for message in bag.messages(topics, span):
+    for message in bag.messages([topic] if topic else [], span):
         stamps.append(to_seconds(decoded(bag, message).header.stamp))
         if len(stamps) > 500:
             break
@@ -148,10 +150,14 @@ def _overrides(story: Story) -> list[Parameter]:
 
 
 def _inputs(node: _ReplayedPerception, bag: Bag) -> Mapping[str, Callable[[Any], None]]:
-    """What the node does with a message, for every topic that it listens to."""
-    callbacks = {s.topic_name: s.callback for s in node.subscriptions}
-    present = {name: callback for name, callback in callbacks.items() if name in bag.topics}
-    missing = sorted(set(callbacks) - set(present) - {"/parameter_events", "/heartbeat", "/clock"})
+    """Callback of the node for every recorded topic that it subscribes to."""
+    heard = [s for s in node.subscriptions if s.topic_name not in ("/parameter_events", "/clock")]
+    names = {
+        s.topic_name: topic_called(bag, s.topic_name.lstrip("/"), type_of(s.msg_type))
+        for s in heard
+    }
+    present = {name: s.callback for s in heard if (name := names[s.topic_name]) is not None}
+    missing = sorted(n for n, found in names.items() if found is None and n != "/heartbeat")
     if missing:
         raise BagError(
             f"the recording lacks what {NODE} listens to",

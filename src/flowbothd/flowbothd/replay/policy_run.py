@@ -11,13 +11,13 @@ from builtin_interfaces.msg import Time
 from numpy.typing import NDArray
 
 from flowbothd.replay.differences import Comparison, compare_fields
-from flowbothd.replay.story import INPUTS, Stamp, Story, key
+from flowbothd.replay.story import EVENTS, Stamp, Story, key
 from flowbothd_common.parameters import build, specifications
 from flowbothd_common.ros.conversions import to_seconds
 from flowbothd_common.types import Cloud
-from flowbothd_policy.actuators_ros import to_event_message
+from flowbothd_policy.actuators_ros import to_decision_message
 from flowbothd_policy.commands import Decision, Predict
-from flowbothd_policy.inputs_ros import from_input_message
+from flowbothd_policy.events_ros import from_event_message
 from flowbothd_policy.params import PolicyParams
 from flowbothd_policy.policy_node_params import PolicyNodeParams
 from flowbothd_policy.state import PolicyState
@@ -26,7 +26,7 @@ from flowbothd_rosbag.metadata import BagError
 
 
 class Source(Protocol):
-    """Where clouds and predictions come from: the recording, or a computation."""
+    """Source of clouds and predictions: the recording, or a computation."""
 
     def cloud(self, stamp: Stamp) -> Cloud:
         """(N, 3) float32 points of the object cloud with this stamp."""
@@ -41,7 +41,7 @@ Sample = tuple[Cloud, NDArray[np.float32]]
 
 
 class _Sights:
-    """What the inputs name, from a source."""
+    """Arrays that the inputs refer to, from a source."""
 
     def __init__(self, source: Source) -> None:
         self._source = source
@@ -73,14 +73,14 @@ def policy_params(story: Story) -> PolicyParams:
 
 
 def decide_again(story: Story, source: Source) -> Iterator[Decision]:
-    """Decisions of the policy on the recorded inputs, in order.
+    """Decisions of the policy on the recorded events, in order.
 
     Raises:
-        BagError: what an input names, or the policy's parameters, were not recorded.
+        BagError: what an event names, or the policy's parameters, were not recorded.
     """
     params, state, sights = policy_params(story), PolicyState(), _Sights(source)
-    for message in story.inputs:
-        event = from_input_message(message, sights)
+    for message in story.events:
+        event = from_event_message(message, sights)
         state, commands = advance(state, event, to_seconds(message.header.stamp), params)
         for command in commands:
             if isinstance(command, Predict):
@@ -92,47 +92,47 @@ def decide_again(story: Story, source: Source) -> Iterator[Decision]:
 def compare_decisions(story: Story, decisions: Sequence[Decision]) -> Comparison:
     """Recorded decisions against recomputed ones, all fields, exactly."""
     result = Comparison("policy", problems=gaps(story))
-    frame = story.events[0].header.frame_id if story.events else ""
-    for number, recorded in enumerate(story.events):
+    frame = story.decisions[0].header.frame_id if story.decisions else ""
+    for number, recorded in enumerate(story.decisions):
         stamp = to_seconds(recorded.header.stamp)
         what = f"decision {recorded.sequence} ({recorded.decision})"
         again = (
-            fields(to_event_message(decisions[number], frame)) if number < len(decisions) else {}
+            fields(to_decision_message(decisions[number], frame)) if number < len(decisions) else {}
         )
         result.add(compare_fields(stamp, what, fields(recorded), again))
-    extra = len(decisions) - len(story.events)
+    extra = len(decisions) - len(story.decisions)
     if extra > 0:
-        first = decisions[len(story.events)]
+        first = decisions[len(story.decisions)]
         result.problems.append(
             f"{extra} decisions more than recorded, the first at {first.time:.9f} s: "
             f"{first.decision} ({first.reason})"
         )
-    if not story.events:
+    if not story.decisions:
         result.problems.append("the recording holds no decisions")
     return result
 
 
 def gaps(story: Story) -> list[str]:
-    """What is missing of the inputs, for people."""
-    numbers = [m.sequence for m in story.inputs]
+    """Describe the gaps in the recorded events, for people."""
+    numbers = [m.sequence for m in story.events]
     if not numbers:
         return [
-            f"the recording has no {INPUTS}: it was made before they were published, without the "
+            f"the recording has no {EVENTS}: it was made before they were published, without the "
             "policy, or by something else than `flowbothd record`"
         ]
     problems = []
     if numbers[0] != 0:
         problems.append(
-            f"{numbers[0]} inputs came before the recording began: start it before the run"
+            f"{numbers[0]} events came before the recording began: start it before the run"
         )
     holes = [a for a, b in pairwise(numbers) if b != a + 1]
     if holes:
-        problems.append(f"inputs are missing after number {holes[0]}")
+        problems.append(f"events are missing after number {holes[0]}")
     return problems
 
 
 def fields(message: Any) -> dict[str, Any]:
-    """Flat description of a PolicyEvent: names with dots -> plain values."""
+    """Flat description of a PolicyDecision: names with dots -> plain values."""
     result: dict[str, Any] = {}
     for name in message.get_fields_and_field_types():
         value = getattr(message, name)

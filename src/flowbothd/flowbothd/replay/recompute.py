@@ -18,12 +18,12 @@ from flowbothd_rosbag.metadata import BagError
 from flowbothd_rosbag.reader import Bag, Span
 
 NODES = ("perception", "inference", "policy")
-"""What can be computed anew, upstream first."""
+"""Nodes that can be recomputed, upstream first."""
 
 
 @dataclass
 class Recomputed:
-    """What came out.
+    """Result of the recomputation.
 
     Attributes:
         comparisons: One for each node that ran again, upstream first.
@@ -37,7 +37,7 @@ class Recomputed:
 
     @property
     def identical(self) -> bool:
-        """Whether every node put out the same as in the recording."""
+        """True if every node reproduced the recording."""
         return bool(self.comparisons) and all(c.identical for c in self.comparisons)
 
     def text(self) -> str:
@@ -60,7 +60,7 @@ class Recomputed:
 
 
 class _Sources:
-    """Clouds and predictions, recorded or computed anew, compared on the way."""
+    """Clouds and predictions, recorded or recomputed, compared on the way."""
 
     def __init__(
         self, story: Story, clouds: dict[Stamp, Cloud], inference: Inference | None
@@ -83,7 +83,7 @@ class _Sources:
         at = seconds(stamp)
         what = f"flow/prediction with seed {seed}"
         if asked is None or asked.seed != seed:
-            # The policy has taken another way; what it was told then is all there is.
+            # The policy has taken another path; only its recorded inputs are available.
             other = "nothing" if asked is None else f"seed {asked.seed}"
             found = Difference(at, what, "request", f"seed {seed}", other)
             self.compared.add([found])

@@ -1,4 +1,4 @@
-"""`flowbothd replay`: a recording played to nodes, or nodes computed anew and compared."""
+"""`flowbothd replay`: a recording played to nodes, or recomputed and compared."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ from pathlib import Path
 from flowbothd_bringup.processes import run_graph
 from flowbothd_bringup.replay_graph import PLAYER, playing_graph
 from flowbothd_common.environment import node_environment, own_domain
+from flowbothd_rosbag.lookup import add_namespace
 from flowbothd_rosbag.metadata import BagError
 from flowbothd_rosbag.reader import Bag, Span
 
@@ -30,7 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--to", dest="end", type=float, default=None, metavar="SECONDS", help="end there"
     )
-    parser.add_argument("--loop", action="store_true", help="begin anew at the end")
+    parser.add_argument("--loop", action="store_true", help="start over at the end")
     parser.add_argument(
         "--exclude", default="", metavar="REGEX", help="leave out topics that match"
     )
@@ -44,7 +45,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     how.add_argument(
         "--open-loop",
         action="store_true",
-        help="play everything as it was, to whoever listens; the default",
+        help="play everything as it was recorded; the default",
     )
     how.add_argument(
         "--nodes",
@@ -59,6 +60,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="play nothing; run perception, inference, policy (comma-separated) again on what was "
         "recorded, as fast as they go, and compare: 0 identical, 1 different",
     )
+    add_namespace(parser)
     parser.add_argument(
         "--report", type=Path, default=None, metavar="FILE", help="comparison as JSON"
     )
@@ -81,7 +83,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _recompute(arguments: argparse.Namespace) -> int:
     from flowbothd.replay.recompute import recompute
 
-    bag = Bag(arguments.bag)
+    bag = Bag(arguments.bag, arguments.namespace)
     nodes = [name.strip() for name in arguments.recompute.split(",")]
     result = recompute(bag, nodes, Span(arguments.begin, arguments.end))
     sys.stdout.write(result.text() + "\n")
@@ -92,6 +94,12 @@ def _recompute(arguments: argparse.Namespace) -> int:
 
 
 def _play(arguments: argparse.Namespace) -> int:
+    if arguments.namespace is not None and not arguments.nodes:
+        raise BagError(
+            "--namespace chooses the graph for --nodes and --recompute",
+            got=arguments.namespace,
+            hint="leave the topics of another graph out with --exclude, such as '^/right/'",
+        )
     graph = playing_graph(
         arguments.bag,
         rate=arguments.rate,
@@ -100,6 +108,7 @@ def _play(arguments: argparse.Namespace) -> int:
         loop=arguments.loop,
         exclude=arguments.exclude,
         perception=bool(arguments.nodes),
+        namespace=arguments.namespace,
     )
     domain = arguments.domain
     if domain is None:

@@ -1,4 +1,4 @@
-"""What a recording tells of a run: inputs, decisions, clouds, predictions, parameters."""
+"""Content of a recording: events, decisions, clouds, predictions, parameters."""
 
 from __future__ import annotations
 
@@ -8,20 +8,19 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import yaml
 from builtin_interfaces.msg import Time
 from numpy.typing import NDArray
 from rclpy.serialization import deserialize_message
 
-from flowbothd_common.parameter_files import flat_parameters
 from flowbothd_common.ros import clouds
 from flowbothd_common.types import Cloud
-from flowbothd_rosbag import about
+from flowbothd_rosbag.attached import stored_parameters, stored_weights
+from flowbothd_rosbag.lookup import topic_called
 from flowbothd_rosbag.metadata import BagError
 from flowbothd_rosbag.reader import Bag, Message, Span
 from flowbothd_rosbag.types_ros import message_class
 
-INPUTS, EVENTS = "policy/inputs", "policy/events"
+EVENTS, DECISIONS = "policy/events", "policy/decisions"
 CLOUD, PREDICTION = "object_cloud", "flow/prediction"
 TRUTH = "sim/ground_truth_flow/_service_event"
 
@@ -37,27 +36,6 @@ def key(stamp: Time) -> Stamp:
 def seconds(stamp: Stamp) -> float:
     """The stamp as one number [s]."""
     return stamp[0] + 1e-9 * stamp[1]
-
-
-def topic_called(bag: Bag, name: str, kind: str = "") -> str | None:
-    """The topic of a recording that ends in a relative name; None if there is none.
-
-    Args:
-        bag: The recording.
-        name: Relative, such as ``policy/events``.
-        kind: Its type; a topic of another one is somebody else's. Empty = any.
-
-    Raises:
-        BagError: several, as of two robots in namespaces.
-    """
-    found = [
-        topic.name
-        for topic in bag.topics.values()
-        if topic.name.endswith(f"/{name}") and kind in ("", topic.type)
-    ]
-    if len(found) > 1:
-        raise BagError(f"{bag.path} has several topics called {name}", got=", ".join(found))
-    return found[0] if found else None
 
 
 def decoded(bag: Bag, message: Message) -> Any:
@@ -85,8 +63,8 @@ class Story:
     """The part of a recording that the policy's decisions depend on.
 
     Attributes:
-        inputs: PolicyInput messages, in order.
         events: PolicyEvent messages, in order.
+        decisions: PolicyDecision messages, in order.
         clouds: (N, 3) object clouds by stamp.
         predictions: FlowPrediction messages by stamp of the cloud and seed, in order.
         truths: The simulation's answers by stamp of the cloud.
@@ -94,8 +72,8 @@ class Story:
         weights: What the recorder knew of the weights, by node.
     """
 
-    inputs: list[Any] = field(default_factory=list)
     events: list[Any] = field(default_factory=list)
+    decisions: list[Any] = field(default_factory=list)
     clouds: dict[Stamp, Cloud] = field(default_factory=dict)
     predictions: dict[tuple[Stamp, int], list[Any]] = field(
         default_factory=lambda: defaultdict(list)
@@ -125,8 +103,8 @@ def read_story(bag: Bag, span: Span | None = None) -> Story:
     story = Story()
     ours = "flowbothd_interfaces"
     takers: dict[tuple[str, str], Callable[[Any], None]] = {
-        (INPUTS, f"{ours}/msg/PolicyInput"): story.inputs.append,
         (EVENTS, f"{ours}/msg/PolicyEvent"): story.events.append,
+        (DECISIONS, f"{ours}/msg/PolicyDecision"): story.decisions.append,
         (CLOUD, "sensor_msgs/msg/PointCloud2"): lambda m: story.clouds.update(
             {key(m.header.stamp): _points(m)}
         ),
@@ -140,36 +118,10 @@ def read_story(bag: Bag, span: Span | None = None) -> Story:
     for message in bag.messages(names, span):
         names[message.topic](decoded(bag, message))
     # Two threads of the recorder's middleware may have swapped neighbours; the numbers say how.
-    story.inputs.sort(key=lambda m: m.sequence)
-    files = bag.attachments()
-    story.parameters = stored_parameters(files)
-    story.weights = _mapping(files, about.WEIGHTS)
+    story.events.sort(key=lambda m: m.sequence)
+    story.parameters = stored_parameters(bag)
+    story.weights = stored_weights(bag)
     return story
-
-
-def stored_parameters(files: dict[str, bytes]) -> dict[str, dict[str, Any]]:
-    """Node -> parameter -> value from the files of a recording; empty if they are not in it.
-
-    Raises:
-        BagError: they are not what the recorder writes.
-    """
-    content = _mapping(files, about.PARAMETERS)
-    return {
-        node.rsplit("/", maxsplit=1)[-1]: flat_parameters(entry["ros__parameters"])
-        for node, entry in content.items()
-        if isinstance(entry, dict) and isinstance(entry.get("ros__parameters"), dict)
-    }
-
-
-def _mapping(files: dict[str, bytes], name: str) -> dict[str, Any]:
-    try:
-        content = yaml.safe_load(files.get(name, b"")) or {}
-    except yaml.YAMLError as error:
-        first = str(error).splitlines()[0]
-        raise BagError(f"{name} in the recording is damaged", got=first) from error
-    if not isinstance(content, dict):
-        raise BagError(f"{name} in the recording is not what `flowbothd record` writes")
-    return content
 
 
 def _points(message: Any) -> Cloud:

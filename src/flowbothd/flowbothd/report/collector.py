@@ -18,11 +18,11 @@ from flowbothd_evaluation.run_record.record import (
     StateSample,
     motion_entry,
 )
-from flowbothd_interfaces.msg import FlowPrediction, MotionResult, PolicyEvent, SimState
+from flowbothd_interfaces.msg import FlowPrediction, MotionResult, PolicyDecision, SimState
 
 
-def decision_of(message: PolicyEvent) -> dict[str, Any]:
-    """The decision that a PolicyEvent message carries, as the record keeps it."""
+def decision_of(message: PolicyDecision) -> dict[str, Any]:
+    """The decision that a PolicyDecision message carries, as the record keeps it."""
     return {
         "sequence": message.sequence,
         "time": to_seconds(message.header.stamp),
@@ -63,7 +63,7 @@ class Collector:
         self._subscriptions = [
             node.create_subscription(*entry)
             for entry in (
-                (PolicyEvent, "policy/events", self._on_event, qos.EVENT),
+                (PolicyDecision, "policy/decisions", self._on_decision, qos.EVENT),
                 (MotionResult, "motion/result", self._on_result, qos.EVENT),
                 (FlowPrediction, "flow/prediction", self._on_prediction, qos.EVENT),
                 (SimState, "sim/state", self._on_sim_state, qos.STATE),
@@ -71,7 +71,7 @@ class Collector:
             )
         ]
 
-    def _on_event(self, message: PolicyEvent) -> None:
+    def _on_decision(self, message: PolicyDecision) -> None:
         self._record.decisions.append(decision_of(message))
 
     def _on_result(self, message: MotionResult) -> None:

@@ -12,6 +12,7 @@ from flowbothd.report.report import write_report
 from flowbothd_common.errors import ObjectModelError
 from flowbothd_evaluation.run_record.record import RunRecord
 from flowbothd_rosbag import about
+from flowbothd_rosbag.lookup import add_namespace, topic_called
 from flowbothd_rosbag.metadata import BagError
 from flowbothd_rosbag.reader import Bag
 from flowbothd_rosbag.types_ros import type_of
@@ -24,6 +25,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--out", type=Path, default=None, help="folder of the page (default: report in the bag's)"
     )
+    add_namespace(parser)
     parser.add_argument("--no-animation", action="store_true", help="leave out the moving picture")
 
 
@@ -47,11 +49,12 @@ def record_of(bag: Bag) -> RunRecord:
     Raises:
         BagError: it holds no decisions.
     """
-    from flowbothd.replay.story import decoded, stored_parameters, topic_called
+    from flowbothd.replay.story import decoded
     from flowbothd.report.collector import Collector
+    from flowbothd_rosbag.attached import stored_parameters
     from franka_suction_driver.arm.params import ARM_JOINTS
 
-    parameters = stored_parameters(bag.attachments())
+    parameters = stored_parameters(bag)
     bridge, inference = parameters.get("bridge_node", {}), parameters.get("inference_node", {})
     record = RunRecord(
         object=str(bridge.get("object", "a real object")),
@@ -71,7 +74,7 @@ def record_of(bag: Bag) -> RunRecord:
     record.wall_s = (times[-1] - times[0]) * 1e-9 if times else 0.0
     if not record.decisions:
         raise BagError(
-            f"{bag.path} holds no policy/events", hint="a report tells of the policy's decisions"
+            f"{bag.path} holds no policy/decisions", hint="a report tells of the policy's decisions"
         )
     return record
 
@@ -88,7 +91,7 @@ def scene_of(bag: Bag, record: RunRecord) -> Scene | None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Write the page."""
-    bag = Bag(arguments.bag)
+    bag = Bag(arguments.bag, arguments.namespace)
     folder = arguments.out or (
         bag.path / "report" if bag.path.is_dir() else bag.path.with_suffix(".report")
     )

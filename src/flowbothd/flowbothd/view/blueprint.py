@@ -1,4 +1,4 @@
-"""How the view is laid out: the scene, what the policy decides, and what is measured."""
+"""Layout of the view: the scene, the decisions of the policy, and the measurements."""
 
 from __future__ import annotations
 

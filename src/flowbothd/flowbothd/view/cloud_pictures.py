@@ -1,4 +1,4 @@
-"""What the policy saw and chose, step by step, from clouds alone: no world model is needed."""
+"""Pictures of what the policy saw and chose, step by step, from clouds alone."""
 
 from __future__ import annotations
 

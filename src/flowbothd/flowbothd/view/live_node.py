@@ -52,7 +52,7 @@ class LiveView(Node):
 
 
 def run(recording: Any) -> int:
-    """Show until told to stop."""
+    """Show until stopped."""
 
     def create() -> LiveView:
         wall = Parameter("use_sim_time", value=False)

@@ -1,4 +1,4 @@
-"""Where the links of a described robot are."""
+"""Poses of the links of a described robot."""
 
 from __future__ import annotations
 

@@ -45,7 +45,7 @@ _TYPES = {
     "debug/robot": "sensor_msgs/msg/PointCloud2",
     "debug/outliers": "sensor_msgs/msg/PointCloud2",
     "flow/prediction": "flowbothd_interfaces/msg/FlowPrediction",
-    "policy/events": "flowbothd_interfaces/msg/PolicyEvent",
+    "policy/decisions": "flowbothd_interfaces/msg/PolicyDecision",
     "suction/state": "flowbothd_interfaces/msg/SuctionState",
     "external_wrench": "geometry_msgs/msg/WrenchStamped",
     "sim/state": "flowbothd_interfaces/msg/SimState",
@@ -83,7 +83,7 @@ class RunView:
             "debug/robot": lambda m: self._on_removed("robot", m),
             "debug/outliers": lambda m: self._on_removed("outliers", m),
             "flow/prediction": self._on_prediction,
-            "policy/events": self._on_event,
+            "policy/decisions": self._on_decision,
             "suction/state": self._on_suction,
             "external_wrench": self._on_wrench,
             "sim/state": self._on_sim,
@@ -92,12 +92,12 @@ class RunView:
         self._style()
 
     @property
-    def topics(self) -> tuple[str, ...]:
-        """Ends of the names of topics that are shown."""
-        return tuple(self._handlers)
+    def topics(self) -> tuple[tuple[str, str], ...]:
+        """Ends of the names of topics that are shown, and their types."""
+        return tuple(_TYPES.items())
 
     def wants(self, topic: str, kind: str) -> bool:
-        """Whether a topic of a type is shown."""
+        """Return True if a topic of this type is shown."""
         name = self._name(topic)
         return name is not None and kind == _TYPES[name]
 
@@ -133,7 +133,7 @@ class RunView:
             (f"{at.OPENING}/by_tool", "judged from the tool's path", (90, 160, 220)),
             (f"{at.OPENING}/true", "true (simulation)", (70, 190, 110)),
             (f"{at.TRIALS}/rejected", "rejected samples", (150, 120, 190)),
-            (f"{at.VACUUM}/pressure", "vacuum", (90, 160, 220)),
+            (f"{at.VACUUM}/measured", "vacuum", (90, 160, 220)),
             (f"{at.FORCE}/norm", "force", (220, 120, 60)),
         ):
             self._log(path, rr.SeriesLines(colors=colors, names=names), static=True)
@@ -211,7 +211,7 @@ class RunView:
         )
         self._log(at.SAMPLES, faint)
 
-    def _on_event(self, message: Any) -> None:
+    def _on_decision(self, message: Any) -> None:
         rr = self._rr
         worth = "DEBUG" if message.decision == "resample" else "INFO"
         if message.outcome:
@@ -246,7 +246,7 @@ class RunView:
         self._log(at.PULL, arrow)
 
     def _on_suction(self, message: Any) -> None:
-        self._log(f"{at.VACUUM}/pressure", self._rr.Scalars(message.pressure / 1000))
+        self._log(f"{at.VACUUM}/measured", self._rr.Scalars(message.vacuum / 1000))
 
     def _on_wrench(self, message: Any) -> None:
         force = float(np.linalg.norm(from_xyz(message.wrench.force)))

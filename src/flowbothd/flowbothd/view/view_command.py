@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from flowbothd_common.errors import FlowBotError
+from flowbothd_rosbag.lookup import add_namespace, topic_called
 from flowbothd_rosbag.metadata import BagError
 from flowbothd_rosbag.reader import Bag, Span
 
@@ -30,6 +31,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         default=int(os.environ.get("ROS_DOMAIN_ID", "0")),
         help="live: ROS domain of the graph (default: ROS_DOMAIN_ID, here %(default)s)",
     )
+    add_namespace(parser)
     parser.add_argument(
         "--from", dest="begin", type=float, default=0.0, metavar="SECONDS", help="begin there"
     )
@@ -58,7 +60,7 @@ def run(arguments: argparse.Namespace) -> int:
     """Show or save."""
     if arguments.what == "live":
         return _live(arguments)
-    bag = Bag(Path(arguments.what))
+    bag = Bag(Path(arguments.what), arguments.namespace)
     span = Span(arguments.begin, arguments.end)
     known = list(bag.problems)
     for problem in known:
@@ -107,13 +109,15 @@ def show_bag(bag: Bag, recording: Any, span: Span | None = None) -> int:
     Raises:
         BagError: it holds nothing that can be shown.
     """
-    from flowbothd.replay.story import decoded, stored_parameters
+    from flowbothd.replay.story import decoded
     from flowbothd.view.camera import camera_pose
     from flowbothd.view.run_view import RunView
+    from flowbothd_rosbag.attached import stored_parameters
 
-    parameters = stored_parameters(bag.attachments()).get("perception_node", {})
+    parameters = stored_parameters(bag).get("perception_node", {})
     view = RunView(recording, camera_pose(parameters))
-    topics = [topic.name for topic in bag.topics.values() if view.wants(topic.name, topic.type)]
+    wanted = [topic_called(bag, *which) for which in view.topics]
+    topics = [name for name in wanted if name is not None]
     if not topics:
         raise BagError(
             f"{bag.path} holds nothing to show", got=", ".join(bag.topics) or "no topics"

@@ -1,1 +1,1 @@
-"""What every FlowBotHD node shares: parameters, conversions, liveness, diagnostics, start-up."""
+"""Code shared by all nodes: parameters, conversions, liveness, diagnostics, start-up."""

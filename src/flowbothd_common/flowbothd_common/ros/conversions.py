@@ -18,11 +18,14 @@ from flowbothd_common.motion import (
     MotionResult,
 )
 from flowbothd_common.transforms import quaternion_from_rotation, rotation_from_quaternion, unit
-from flowbothd_common.types import ArcKind, Array, JointArc
-from flowbothd_interfaces.msg import JointArc as JointArcMessage
+from flowbothd_common.types import Array, JointEstimate, JointKind
+from flowbothd_interfaces.msg import JointEstimate as JointEstimateMessage
 from flowbothd_interfaces.msg import MotionResult as MotionResultMessage
 
-_ARC_KINDS = {JointArcMessage.LINE: ArcKind.LINE, JointArcMessage.ARC: ArcKind.ARC}
+_JOINT_KINDS = {
+    JointEstimateMessage.PRISMATIC: JointKind.PRISMATIC,
+    JointEstimateMessage.REVOLUTE: JointKind.REVOLUTE,
+}
 
 
 def to_seconds(stamp: Time) -> float:
@@ -80,29 +83,37 @@ def from_wrench(message: Wrench) -> Array:
     return np.concatenate([from_xyz(message.force), from_xyz(message.torque)])
 
 
-def to_arc(arc: JointArc | None) -> JointArcMessage:
-    """JointArc message; kind NONE if nothing is known."""
-    if arc is None:
-        return JointArcMessage(kind=JointArcMessage.NONE)
-    kind = JointArcMessage.LINE if arc.kind is ArcKind.LINE else JointArcMessage.ARC
-    return JointArcMessage(kind=kind, point=to_point(arc.point), axis=to_vector3(arc.axis))
+def to_joint_estimate(joint: JointEstimate | None) -> JointEstimateMessage:
+    """Return the message of a joint estimate; kind NONE if nothing is known."""
+    if joint is None:
+        return JointEstimateMessage(kind=JointEstimateMessage.NONE)
+    return JointEstimateMessage(
+        kind=getattr(JointEstimateMessage, joint.kind.name),
+        point=to_point(joint.point),
+        axis=to_vector3(joint.axis),
+    )
 
 
-def from_arc(message: JointArcMessage) -> JointArc | None:
-    """The arc, or None for kind NONE.
+def from_joint_estimate(message: JointEstimateMessage) -> JointEstimate | None:
+    """Return the joint estimate, or None for kind NONE.
 
     Raises:
-        MotionRejectedError: an unknown kind, or an axis without length.
+        MotionRejectedError: an unknown kind, an axis without length, or a point that is not finite.
     """
-    if message.kind == JointArcMessage.NONE:
+    if message.kind == JointEstimateMessage.NONE:
         return None
-    if message.kind not in _ARC_KINDS:
-        raise MotionRejectedError("arc of unknown kind", got=message.kind, allowed="0, 1, 2")
+    if message.kind not in _JOINT_KINDS:
+        raise MotionRejectedError(
+            "joint estimate of unknown kind", got=message.kind, allowed="0, 1, 2"
+        )
     try:
         axis = unit(from_xyz(message.axis))
     except ValueError as error:
-        raise MotionRejectedError(f"arc without an axis: {error}") from error
-    return JointArc(_ARC_KINDS[message.kind], axis, from_xyz(message.point))
+        raise MotionRejectedError(f"joint estimate without an axis: {error}") from error
+    point = from_xyz(message.point)
+    if not np.isfinite(point).all():
+        raise MotionRejectedError("point of the joint estimate is not finite", got=point.tolist())
+    return JointEstimate(_JOINT_KINDS[message.kind], axis, point)
 
 
 def checked_direction(message: Vector3) -> Array:
@@ -135,7 +146,7 @@ def to_goal(kind: MotionKind, goal: object) -> MotionGoal:
         contact=contact,
         direction=checked_direction(goal.direction) if hasattr(goal, "direction") else None,
         distance=distance,
-        arc=from_arc(goal.arc) if hasattr(goal, "arc") else None,
+        joint=from_joint_estimate(goal.joint) if hasattr(goal, "joint") else None,
     )
 
 
@@ -204,7 +215,7 @@ def from_trajectory(message: JointTrajectoryMessage) -> JointTrajectory:
     def rows(name: str) -> Array:
         values = [list(getattr(point, name)) for point in points]
         lengths = {len(row) for row in values}
-        # Ragged rows keep a shape that matches nothing: whoever follows then says what is wrong.
+        # Ragged rows keep a shape that matches nothing, so the next check reports them.
         return np.array(values) if len(lengths) == 1 else np.full((len(values), 0), np.nan)
 
     return JointTrajectory(

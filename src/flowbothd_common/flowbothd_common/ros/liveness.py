@@ -19,6 +19,10 @@ PERIOD = 0.2
 SILENCE = 0.7
 """Seconds of silence after which a peer is missing; leaves time to say so within one second."""
 
+_REFUSED_IN_A_ROW = 2
+"""Refused messages without a good one between them that make a source silent at once: unlike a
+late message, a bad one leaves nothing to wait for, but a single one may be a glitch."""
+
 
 class HeartbeatPublisher:
     """Publishes `heartbeat` from its own thread, so that a busy executor does not look dead.
@@ -61,18 +65,28 @@ class MotionHeartbeat:
         self._node = node
         self._publisher = node.create_publisher(Header, "motion/heartbeat", qos.HEARTBEAT)
         self._period = period
+        self._paused = False
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="motion_heartbeat", daemon=True)
         self._thread.start()
 
     def close(self) -> None:
-        """Stop beating; whoever moves the arm then holds."""
+        """Stop beating; the driver of the arm then holds it."""
         self._stop.set()
         self._thread.join(timeout=2.0)
 
+    def pause(self) -> None:
+        """Stop beating until `resume`: the arm's driver then holds the arm."""
+        self._paused = True
+
+    def resume(self) -> None:
+        """Beat again."""
+        self._paused = False
+
     def _run(self) -> None:
         while not self._stop.wait(self._period) and self._node.context.ok():
-            self._publisher.publish(Header(stamp=self._node.get_clock().now().to_msg()))
+            if not self._paused:
+                self._publisher.publish(Header(stamp=self._node.get_clock().now().to_msg()))
 
 
 @dataclass
@@ -80,7 +94,7 @@ class Silence:
     """Times on the steady clock when each source was last heard; free of ROS.
 
     Time in which the listener itself was stalled does not count: nothing can be heard in it. Ask
-    several times per timeout.
+    several times per timeout. A source whose messages are refused is silent at the second one.
 
     Attributes:
         timeout: Seconds after which a source that was heard before is missing.
@@ -89,10 +103,31 @@ class Silence:
     timeout: float = SILENCE
     _last: dict[str, float] = field(default_factory=dict)
     _asked: float | None = None
+    _refused: dict[str, tuple[int, str]] = field(default_factory=dict)
 
     def heard(self, name: str, now: float | None = None) -> None:
         """Note that `name` gave a sign of life."""
         self._last[name] = time.monotonic() if now is None else now
+        self._refused.pop(name, None)
+
+    def refused(self, name: str, why: str) -> None:
+        """Note that `name` sent a message that counts as not received."""
+        self._refused[name] = (self._refused.get(name, (0, ""))[0] + 1, why)
+
+    def last_refused(self, name: str) -> bool:
+        """Return whether the last message of `name` was refused."""
+        return name in self._refused
+
+    def why(self, name: str, now: float | None = None) -> str:
+        """Return how long `name` has been silent and what it sent instead, in words."""
+        age = self.age(name, now)
+        text = f"no {name} yet" if age == float("inf") else f"no {name} for {age:.1f} s"
+        count, reason = self._refused.get(name, (0, ""))
+        return f"{text}: {count} refused, {reason}" if count else text
+
+    def ever(self, name: str) -> bool:
+        """Return whether `name` was heard at all."""
+        return name in self._last
 
     def age(self, name: str, now: float | None = None) -> float:
         """Seconds since `name` was heard; infinite if never."""
@@ -106,7 +141,12 @@ class Silence:
         self._asked = current
         if stall > 0:
             self._last = {name: min(current, at + stall) for name, at in self._last.items()}
-        return [name for name in names if self.age(name, current) > self.timeout]
+        return [
+            name
+            for name in names
+            if not self.age(name, current) <= self.timeout
+            or self._refused.get(name, (0, ""))[0] >= _REFUSED_IN_A_ROW
+        ]
 
 
 class PeerWatch:
@@ -134,7 +174,7 @@ class PeerWatch:
         return self._silence.silent(self._peers)
 
     def ever_heard(self, name: str) -> bool:
-        """Whether the node has been heard at all."""
+        """Return True if the node has been heard at least once."""
         return name in self._detail
 
     def missing(self) -> dict[str, str]:

@@ -18,7 +18,7 @@ from rclpy.node import Node
 from flowbothd_common.errors import FlowBotError
 from flowbothd_common.guardian import watch_guardian
 from flowbothd_common.memory import free_what_stayed, keep_freed_memory, spare_what_stays
-from flowbothd_common.ros.parameters import reject_unknown
+from flowbothd_common.ros.parameters import check_files, reject_unknown
 
 RCLError = rclpy_implementation.RCLError
 
@@ -27,13 +27,21 @@ def _first_line(error: Exception) -> str:
     return str(error).splitlines()[0]
 
 
-def run_node(create: Callable[[], Node], args: list[str] | None = None, *, threads: int = 1) -> int:
-    """Create a node, spin it until it is told to stop, and clean up.
+def run_node(
+    create: Callable[[], Node],
+    args: list[str] | None = None,
+    *,
+    threads: int = 1,
+    strict_files: bool = False,
+) -> int:
+    """Create a node, spin it until it is stopped, and clean up.
 
     Args:
         create: Makes the node; raises FlowBotError on bad parameters.
         args: Command line, sys.argv if omitted; ROS arguments are understood.
         threads: Executor threads; more than one only where a callback must block.
+        strict_files: Refuse a parameter file that has no entry for the node; otherwise warn. For
+            nodes that move an arm: they must not run with other limits than the user wrote.
 
     Returns:
         0 after a requested shutdown, 2 if the node could not be created.
@@ -51,6 +59,7 @@ def run_node(create: Callable[[], Node], args: list[str] | None = None, *, threa
     try:
         node = create()
         reject_unknown(node)
+        check_files(node, sys.argv if args is None else args, strict=strict_files)
         executor = (
             MultiThreadedExecutor(num_threads=threads) if threads > 1 else SingleThreadedExecutor()
         )

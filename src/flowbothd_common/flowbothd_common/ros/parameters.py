@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import difflib
+from collections.abc import Sequence
+from itertools import pairwise
+from pathlib import Path
 from typing import Any, TypeVar
 
 from rcl_interfaces.msg import (
@@ -15,6 +18,7 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 
 from flowbothd_common.errors import ParameterError
+from flowbothd_common.parameter_files import astray, missing_entry, reaches, read_entries
 from flowbothd_common.parameters import Specification, build, checked, specifications
 
 T = TypeVar("T")
@@ -65,10 +69,13 @@ def _declare_one(node: Node, spec: Specification) -> Any:
     try:
         declared = node.declare_parameter(spec.name, declared_as, _descriptor(spec))
     except (InvalidParameterTypeException, InvalidParameterValueException) as error:
-        given = node._parameter_overrides.get(spec.name)
+        override = node._parameter_overrides.get(spec.name)
+        given = value if override is None else override.value
+        # Ours says which of type, range and finiteness it is; it accepts `1` for a double.
+        checked(spec, given)
         raise ParameterError(
             f"parameter {spec.name} of {node.get_name()} is not accepted",
-            got=repr(given.value if given is not None else value),
+            got=repr(given),
             allowed=f"{spec.type_name} {spec.allowed}".strip(),
             hint="a double needs a decimal point in YAML, such as 1.0",
         ) from error
@@ -100,3 +107,40 @@ def reject_unknown(node: Node) -> None:
             raise ParameterError(
                 f"{node.get_name()} has no parameter {name}", allowed=", ".join(near)
             )
+
+
+def given_files(arguments: Sequence[str]) -> list[Path]:
+    """Return the parameter files that ROS arguments name (`--ros-args --params-file FILE`)."""
+    files, inside = [], False
+    for word, following in pairwise(arguments):
+        if word in ("--ros-args", "--"):
+            inside = word == "--ros-args"
+        elif inside and word == "--params-file":
+            files.append(Path(following))
+    return files
+
+
+def check_files(node: Node, arguments: Sequence[str], *, strict: bool) -> None:
+    """Find parameter files that say nothing to the node they are given to.
+
+    ROS passes over entries for other nodes. That is right for a file that serves several nodes,
+    and hides a misspelt name, or a bare one under a namespace.
+
+    Args:
+        node: As it was created, its name and namespace remapped.
+        arguments: Command line of the process.
+        strict: Refuse such a file; otherwise warn.
+
+    Raises:
+        ParameterError: strict, and no entry of a file reaches the node, or only wildcards do while
+            an entry of the node's own name misses it.
+    """
+    name = node.get_fully_qualified_name()
+    for file in given_files(arguments):
+        written = list(read_entries(file))
+        if any(reaches(entry, name) for entry in written) and not astray(written, [name]):
+            continue
+        error = missing_entry(file.name, written, name)
+        if strict:
+            raise error
+        node.get_logger().warning(str(error))

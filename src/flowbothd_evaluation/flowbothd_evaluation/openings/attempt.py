@@ -131,8 +131,8 @@ class Attempt:
         """From home to home, as far as it goes."""
         self._watch("home", self._world)
         flow = self._part.flow(self._contact, self._value)
-        arc = self._part.arc
-        goal = MotionGoal(MotionKind.APPROACH, self._contact, flow, arc=arc)
+        joint = self._part.joint_in_base
+        goal = MotionGoal(MotionKind.APPROACH, self._contact, flow, joint=joint)
         if self._move("approach", goal).reason is MotionReason.REACHED:
             self._take(self._driven.set_suction(self._vacuum))
             self._watch("standoff", self._world)
@@ -154,11 +154,11 @@ class Attempt:
         for step in range(1, _MOST_STEPS + 1):
             tip = self._world.tip_pose()[:3, 3]
             before, left = self._value, self._opening.goal - self._value
-            flow, arc = self._part.flow(tip, before), self._part.arc
+            flow, joint = self._part.flow(tip, before), self._part.joint_in_base
             if left <= 0 or not self._held or idle > 1:
                 break
             distance = self._distance(tip, left)
-            self._move("open", MotionGoal(MotionKind.FLOW_STEP, None, flow, distance, arc))
+            self._move("open", MotionGoal(MotionKind.FLOW_STEP, None, flow, distance, joint))
             moved = self._part.way(tip, self._value - before)
             idle = idle + 1 if moved < _IDLE * distance else 0
             self._watch(f"step {step}", self._world)
@@ -176,7 +176,7 @@ class Attempt:
         self._course.phase = "release"
         self._take(self._driven.set_suction(0.0))
         ends = self._world.time + _LONGEST_RELEASE
-        while self._world.suction().pressure > 1000.0 and self._world.time < ends:
+        while self._world.suction().vacuum > 1000.0 and self._world.time < ends:
             self._tick()
 
     def _move(self, phase: str, goal: MotionGoal) -> MotionResult:
@@ -218,7 +218,7 @@ def _motion_params(opening: Opening, part: TruePart, contact: Array) -> MotionPa
     ahead = part.way(contact, opening.goal)
     planning = replace(
         params.planning,
-        continuation=ahead,
+        lookahead=ahead,
         pull=not opening.front,
         push_from_front=opening.front,
     )

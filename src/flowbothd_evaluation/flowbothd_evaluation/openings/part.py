@@ -6,7 +6,7 @@ import numpy as np
 
 from flowbothd_common.errors import ParameterError
 from flowbothd_common.transforms import apply, unit
-from flowbothd_common.types import ArcKind, Array, JointArc
+from flowbothd_common.types import Array, JointEstimate, JointKind
 from flowbothd_evaluation.openings.task import Opening
 from sim_bridge.scene import ray_scene, tensor
 
@@ -48,9 +48,9 @@ class TruePart:
         """Lowest and highest grasp (2,) on the part, see `Opening.grasp` [m]."""
         axis = pose[:3, :3] @ joint.axis
         if joint.kind == "prismatic":
-            self.arc = JointArc(ArcKind.LINE, axis, np.zeros(3))
+            self.joint_in_base = JointEstimate(JointKind.PRISMATIC, axis, np.zeros(3))
         else:
-            self.arc = JointArc(ArcKind.ARC, axis, apply(pose, joint.point))
+            self.joint_in_base = JointEstimate(JointKind.REVOLUTE, axis, apply(pose, joint.point))
 
     def contact(self, offset: Array) -> Array:
         """(3,) the point to take hold of while the part is closed, moved by (2,) on its face [m].
@@ -83,19 +83,25 @@ class TruePart:
         if self._opening.front:
             turned = self._joint.motion(value)[:3, :3] @ -self._face
             return np.asarray(self._pose[:3, :3] @ turned)
-        if self.arc.kind is ArcKind.LINE:
-            return self.arc.axis
-        return unit(np.cross(self.arc.axis, point - self.arc.point))
+        if self.joint_in_base.kind is JointKind.PRISMATIC:
+            return self.joint_in_base.axis
+        return unit(np.cross(self.joint_in_base.axis, point - self.joint_in_base.point))
 
     def radius(self, point: Array) -> float:
         """Distance of a point from the axis [m]; infinite for a slide."""
-        if self.arc.kind is ArcKind.LINE:
+        if self.joint_in_base.kind is JointKind.PRISMATIC:
             return float("inf")
-        return float(np.linalg.norm(np.cross(self.arc.axis, point - self.arc.point)))
+        return float(
+            np.linalg.norm(np.cross(self.joint_in_base.axis, point - self.joint_in_base.point))
+        )
 
     def way(self, point: Array, amount: float) -> float:
         """Length of the path of a point while the joint goes on by `amount` [rad or m]."""
-        return amount if self.arc.kind is ArcKind.LINE else amount * self.radius(point)
+        return (
+            amount
+            if self.joint_in_base.kind is JointKind.PRISMATIC
+            else amount * self.radius(point)
+        )
 
 
 def _plate(outward: Array, axis: Array, size: Array) -> tuple[Array, Array]:

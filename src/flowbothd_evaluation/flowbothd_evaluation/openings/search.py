@@ -167,7 +167,7 @@ class PlaceSearch:
             -1 if opening.front else 1,
             self._params.approach.standoff,
             part.way(contact, opening.goal),
-            part.arc,
+            part.joint_in_base,
             back_off=self._params.approach.back_off,
             tilt_slack=step.push_lag if opening.front else 0.0,
             spacing=_AHEAD,

@@ -51,7 +51,15 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         help="those that the paper's authors could open with the truth, where that is known, or "
         "every one with a range (default: %(default)s)",
     )
-    add("--method", nargs="+", default=[], metavar="NAME", help=f"any of {', '.join(METHODS)}")
+    add(
+        "--method",
+        nargs="+",
+        default=[],
+        metavar="NAME",
+        help=f"any of {', '.join(METHODS)}; flowbothd* and flowbot3d* run our compact* weights, "
+        "one-step models trained by implicit maximum likelihood instead of the paper's diffusion "
+        "chains, unless --weights names others",
+    )
     add(
         "--switches",
         nargs="+",

@@ -29,8 +29,9 @@ class Method:
 
     Attributes:
         name: As on the command line.
-        title: As in the tables.
+        title: The paper's name of the row.
         weights: Name or path of weights; empty for methods without.
+        variant: Description of these weights, for titles next to the paper's numbers.
         switches: What is on unless the command line says otherwise: the paper's best row.
         draws: Whether another sample can be another answer.
     """
@@ -40,16 +41,53 @@ class Method:
     weights: str = ""
     switches: tuple[str, ...] = ()
     draws: bool = False
+    variant: str = ""
 
+    def titled(self, weights: str = "") -> str:
+        """Return the title with the network behind it: the method's own weights, or others."""
+        if not self.weights:
+            return self.title
+        own = weights in ("", self.weights)
+        return f"{self.title}, {self.variant if own else f'weights {weights}'}"
+
+
+_ONE_STEP = "our one-step variant"
+"""The shipped weights are trained by implicit maximum likelihood: no diffusion chain as in the
+paper."""
 
 METHODS: dict[str, Method] = {
     m.name: m
     for m in (
-        Method("flowbothd", "FlowBotHD", "compact", ("SG", "CC", "HF"), True),
-        Method("flowbothd-nohistory", "No history", "compact-no-history", ("SG", "CC"), True),
-        Method("flowbothd-nodiffusion", "No diffusion", "compact-no-diffusion", ("SG", "HF")),
-        Method("flowbot3d-ro", "FlowBot3D (RO)", "compact-flowbot3d-ro", ("SG",)),
-        Method("flowbot3d-md", "FlowBot3D (MD)", "compact-flowbot3d-md", ("SG",)),
+        Method("flowbothd", "FlowBotHD", "compact", ("SG", "CC", "HF"), True, _ONE_STEP),
+        Method(
+            "flowbothd-nohistory",
+            "No history",
+            "compact-no-history",
+            ("SG", "CC"),
+            True,
+            _ONE_STEP,
+        ),
+        Method(
+            "flowbothd-nodiffusion",
+            "No diffusion",
+            "compact-no-diffusion",
+            ("SG", "HF"),
+            variant="our network with one answer",
+        ),
+        Method(
+            "flowbot3d-ro",
+            "FlowBot3D (RO)",
+            "compact-flowbot3d-ro",
+            ("SG",),
+            variant="our network",
+        ),
+        Method(
+            "flowbot3d-md",
+            "FlowBot3D (MD)",
+            "compact-flowbot3d-md",
+            ("SG",),
+            variant="our network",
+        ),
         Method("oracle", "Ground truth", "", ("SG",)),
         Method("random", "Random", "", (), True),
     )

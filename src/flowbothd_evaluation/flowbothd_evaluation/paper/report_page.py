@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from flowbothd_evaluation.paper.methods import METHODS
-from flowbothd_evaluation.paper.tables import Comparison, RowNumbers, compare, paper_row, row_title
+from flowbothd_evaluation.paper.tables import Comparison, RowNumbers, compare, paper_row
 from flowbothd_evaluation.paper.tables_text import (
     category_table,
     comparison_table,
@@ -30,6 +30,12 @@ check, history filter. "Robot's policy": with what the policy on the arm adds to
 algorithm (it keeps off edges, smooths the flow, turns pulls onto the surface normal, remembers only
 what the motion bears out, and does not try again what has failed). In italics the paper's numbers,
 of other objects of the same categories.
+
+The paper's FlowBotHD is a diffusion chain of 100 steps, with and without history. Rows "our
+one-step variant" are not: the shipped `compact*` weights are small networks trained by implicit
+maximum likelihood, which map a random vector to a flow in a single step. "Our network": the same
+network trained by regression, with one answer. Rows with other weights bear their name. In the
+figures "ours" stands for all of these.
 """
 
 
@@ -104,13 +110,15 @@ def _what(rows: Sequence[RowNumbers], sources: Sequence[Path]) -> str:
         "- Objects: " + ", ".join(f"{name} ({category})" for category, name in objects) + ".",
     ]
     if weights:
-        used = ", ".join(f"`{name}` for {METHODS[m].title}" for m, name in weights if m in METHODS)
+        used = ", ".join(
+            f"`{name}` for {METHODS[m].titled(name)}" for m, name in weights if m in METHODS
+        )
         lines.append(f"- Weights: {used}.")
     return "\n".join(lines)
 
 
 def _verdict(rows: Sequence[RowNumbers]) -> str:
-    """Whether FlowBotHD beats the others, plainly, under each policy."""
+    """Compare FlowBotHD with the others, plainly, under each policy."""
     parts = []
     for policy in dict.fromkeys(row.key[2] for row in rows):
         same = [r for r in rows if r.key[2] == policy and r.key[0] not in _LIMITS]
@@ -121,7 +129,7 @@ def _verdict(rows: Sequence[RowNumbers]) -> str:
             continue
         found = [compare(first, row) for row in others]
         parts += [
-            f"### FlowBotHD against the others ({policy}'s policy, same trials)",
+            f"### {first.title}, against the others ({policy}'s policy, same trials)",
             markdown(comparison_table(first, found)),
             _words(first, others, found),
         ]
@@ -134,7 +142,7 @@ def _words(first: RowNumbers, others: Sequence[RowNumbers], found: Sequence[Comp
     worse = [r for r in others if first.success.mean < r.success.mean]
     sure = sum(c.difference.low > 0 for c in found)
     lines = [
-        f"On the average over trials FlowBotHD is above {len(better)} of the {len(others)} other "
+        f"On the average over trials this row is above {len(better)} of the {len(others)} other "
         f"rows, equal to {len(equal)}, below {len(worse)}; above with an interval that excludes "
         f"zero: {sure}."
     ]
@@ -143,7 +151,7 @@ def _words(first: RowNumbers, others: Sequence[RowNumbers], found: Sequence[Comp
         lost = ", ".join(f"{n} ({k}x)" for n, k in entry.only_other.items())
         ours, theirs = (list(paper_row(k, "success").values()) for k in (first.key, row.key))
         lines.append(
-            f"- Below {row_title(row.key)} [{row.key[1] or 'none'}] by "
+            f"- Below {row.title} [{row.key[1] or 'none'}] by "
             f"{row.success.mean - first.success.mean:.2f}: the other alone opened {lost}."
             + (" The paper has it the other way round." if sum(ours) > sum(theirs) > 0 else "")
         )

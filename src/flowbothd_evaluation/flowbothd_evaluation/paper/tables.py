@@ -77,16 +77,26 @@ class RowNumbers:
     rmse: float
     seconds: float
 
+    @property
+    def title(self) -> str:
+        """Return the row's title with the network behind it."""
+        return row_title(self.key, self.records[0]["weights"] if self.records else "")
+
 
 def row_key(record: Record) -> RowKey:
     """The row that a record belongs to."""
     return record["method"], record["switches"], record["policy"], record["target_mask"]
 
 
-def row_title(key: RowKey) -> str:
-    """The method as in the tables."""
+def row_title(key: RowKey, weights: str = "") -> str:
+    """Return the method as in the tables.
+
+    Args:
+        key: Which row.
+        weights: Name or path of the row's weights; empty = the method's own.
+    """
     name, _, policy, _ = key
-    title = METHODS[name].title if name in METHODS else name
+    title = METHODS[name].titled(weights) if name in METHODS else name
     return f"{title}, robot's policy" if policy == "robot" else title
 
 
@@ -190,6 +200,7 @@ class Comparison:
 
     Attributes:
         other: The row compared with.
+        other_title: Its title.
         trials: That both have.
         difference: Success rate of the first less that of the other; interval by redrawn objects.
         only_first: Trials that the first alone opened.
@@ -197,6 +208,7 @@ class Comparison:
     """
 
     other: RowKey
+    other_title: str
     trials: int
     difference: Interval
     only_first: int
@@ -213,7 +225,12 @@ def compare(first: RowNumbers, other: RowNumbers) -> Comparison:
         f"{a['object']} {b['link']}" for (a, b), g in zip(pairs, gain, strict=True) if g < 0
     )
     return Comparison(
-        other.key, len(pairs), _redrawn(gain, objects, None), int((gain > 0).sum()), dict(lost)
+        other.key,
+        other.title,
+        len(pairs),
+        _redrawn(gain, objects, None),
+        int((gain > 0).sum()),
+        dict(lost),
     )
 
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from flowbothd_evaluation.paper.methods import SWITCHES
-from flowbothd_evaluation.paper.tables import Comparison, Interval, RowNumbers, paper_row, row_title
+from flowbothd_evaluation.paper.tables import Comparison, Interval, RowNumbers, paper_row
 
 Table = list[list[str]]
 """Rows of cells, the head first."""
@@ -36,7 +36,7 @@ def category_table(rows: Sequence[RowNumbers], table: str) -> Table:
         values = {name: found[column] for name, found in row.categories.items()}
         lines.append(
             [
-                row_title(row.key),
+                row.title,
                 *_switches(row.key[1]),
                 interval(by_category),
                 interval(by_sample),
@@ -73,7 +73,7 @@ def detail_table(rows: Sequence[RowNumbers]) -> Table:
         figures = (row.released, row.steps, row.grasps, row.cosine, row.mean_error, row.rmse)
         lines.append(
             [
-                row_title(row.key),
+                row.title,
                 row.key[1] or "none",
                 row.key[3],
                 *(str(row.outcomes.get(name, 0)) for name in outcomes),
@@ -87,7 +87,7 @@ def comparison_table(first: RowNumbers, found: Sequence[Comparison]) -> Table:
     """One row against others on the same trials."""
     lines: Table = [
         [
-            f"{row_title(first.key)} [{first.key[1] or 'none'}] against",
+            f"{first.title} [{first.key[1] or 'none'}] against",
             "trials",
             "difference of the success rates",
             "opened by it alone",
@@ -99,7 +99,7 @@ def comparison_table(first: RowNumbers, found: Sequence[Comparison]) -> Table:
         lost = sorted(entry.only_other.items(), key=lambda item: -item[1])
         lines.append(
             [
-                f"{row_title(entry.other)} [{entry.other[1] or 'none'}]",
+                f"{entry.other_title} [{entry.other[1] or 'none'}]",
                 str(entry.trials),
                 interval(entry.difference, sign=True),
                 str(entry.only_first),

@@ -15,7 +15,7 @@ Ints = NDArray[np.int64]
 
 
 class JointKind(StrEnum):
-    """How a link moves against its parent."""
+    """Motion of a link relative to its parent."""
 
     FIXED = "fixed"
     REVOLUTE = "revolute"
@@ -46,7 +46,7 @@ class LinkJoint:
 
     @property
     def movable(self) -> bool:
-        """Whether it opens: revolute or prismatic with a range."""
+        """True for a joint that can open: revolute or prismatic, with a range."""
         return self.kind is not JointKind.FIXED and self.upper > self.lower
 
 

@@ -1,4 +1,4 @@
-"""Where the camera stands and what it does to a depth image: the published views and a robot's."""
+"""Camera poses and their depth images: the published views and those of a robot."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the camera sees of an object, with the ground-truth flow of every point."""
+"""Visible points of an object, with the ground-truth flow of every point."""
 
 from __future__ import annotations
 

@@ -66,7 +66,7 @@ def load_partnet(folder: Path, category: str | None = None) -> ArticulatedObject
 
 
 def _category(folder: Path) -> str:
-    """What meta.json calls the object, if there is one."""
+    """Return the category in meta.json, if there is one."""
     path = folder / "meta.json"
     if not path.is_file():
         return "Unknown"

@@ -16,7 +16,7 @@ from flowbothd_model.data.observation import Observation, observe, turned
 
 
 class Situation(StrEnum):
-    """What is known of the object; the paper trains on one third each."""
+    """State of the object and knowledge about it; the paper trains on one third each."""
 
     CLOSED = "closed"
     OPEN = "open"
@@ -44,7 +44,7 @@ class Sample:
 
 @dataclass(frozen=True)
 class SampleConfig:
-    """How samples are drawn.
+    """Distribution of the samples.
 
     Attributes:
         points: Points per cloud.

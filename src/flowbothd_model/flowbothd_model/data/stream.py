@@ -1,4 +1,4 @@
-"""Batches without end: element i of batch b is the same whoever makes it, so any run can resume."""
+"""Endless batches: element i of batch b is the same in any process, so any run can resume."""
 
 from __future__ import annotations
 
@@ -54,7 +54,7 @@ class ObjectSource(Protocol):
 
 
 class ProceduralSource:
-    """Objects made by rule, each drawn anew.
+    """Objects made by rule, a different one for each draw.
 
     Args:
         weights: Relative frequency of categories; 1 where nothing is said.
@@ -137,7 +137,7 @@ def stretched(item: ArticulatedObject, factors: np.ndarray) -> ArticulatedObject
 
 @dataclass(frozen=True)
 class Mixture:
-    """What batches are drawn from.
+    """Objects and settings that batches are drawn from.
 
     Attributes:
         sources: With their relative weights.

@@ -1,15 +1,18 @@
 """The compact network: patches of the cloud as tokens, one encoding per cloud, cheap steps.
 
 Three thoughts make it cheap. The geometry (patches, their features, the history) is encoded once
-per cloud and shared by all steps and samples. A denoising step works on 128 patches, not on all
-points: it sees the noisy flow as its mean and its first moments over each patch, which hold all
-that is rigid in it. And every point reads its flow from the three patches nearest to it, by
-weights learned from the geometry, so that the edge of a moving part may stay sharp.
+per cloud and shared by all steps and samples. A step works on patches (96 in preset `compact`), not
+on points. And every point reads its flow from the three patches nearest to it, by weights learned
+from the geometry, so that the edge of a moving part may stay sharp.
+
+The shipped weights map one random vector per sample to a flow, in a single step (`latent` > 0,
+implicit.py). As a diffusion chain (preset `compact-diffusion`) the network sees the noisy flow as
+its mean and its first moments over each patch, which hold all that is rigid in it.
 
 | symbol | meaning |
 |---|---|
 | B, N | clouds, points of a cloud |
-| T, H | tokens of the current cloud (128) and of the history (64) |
+| T, H | tokens of the current cloud (96) and of the history (32) |
 | K | points of a patch |
 | D | width |
 """

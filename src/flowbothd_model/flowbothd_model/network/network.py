@@ -1,4 +1,4 @@
-"""What every network here offers: one encoding per cloud, then cheap denoising steps."""
+"""Interface of all networks: one encoding per cloud, then cheap denoising steps."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class HistoryBatch:
 
 
 class Context:
-    """What is computed once per cloud. Tensors have the batch first; `repeated` serves samples."""
+    """Encoding computed once per cloud. Tensors have the batch first; `repeated` serves samples."""
 
     def __init__(self, **tensors: Tensor | None) -> None:
         self._tensors = tensors
@@ -42,12 +42,12 @@ class Context:
 
     @property
     def device(self) -> torch.device:
-        """Where the tensors are."""
+        """Device of the tensors."""
         return next(value.device for value in self._tensors.values() if value is not None)
 
     @property
     def clouds(self) -> int:
-        """How many clouds were encoded."""
+        """Number of encoded clouds."""
         return next(len(value) for value in self._tensors.values() if value is not None)
 
     def repeated(self, times: int) -> Context:

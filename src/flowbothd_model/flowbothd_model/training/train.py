@@ -64,7 +64,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
 
 
 def mixtures(config: TrainConfig) -> tuple[Mixture, Mixture]:
-    """What to train and to validate on."""
+    """Return the sources to train and to validate on."""
     shown = SampleConfig(points=config.points, robot_share=config.robot_share)
     weights = CATEGORY_WEIGHTS
     if config.categories:

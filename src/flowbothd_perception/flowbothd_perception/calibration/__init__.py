@@ -1,1 +1,1 @@
-"""Where the camera is: from a printed board on the tool, or from the tool itself."""
+"""Pose of the camera: from a printed board on the tool, or from the tool itself."""

@@ -28,7 +28,7 @@ class Board:
     square: float
 
     def __post_init__(self) -> None:
-        """Refuse boards that cannot be told from themselves turned around."""
+        """Refuse boards that look the same when turned around."""
         if min(self.columns, self.rows) < 3 or (self.columns + self.rows) % 2 == 0:
             raise ParameterError(
                 "the board looks the same when turned by half",

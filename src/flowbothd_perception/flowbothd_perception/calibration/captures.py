@@ -1,4 +1,4 @@
-"""What a calibration is made from: pictures of the arm standing still, and its joints."""
+"""Inputs of a calibration: pictures of the arm standing still, and its joints."""
 
 from __future__ import annotations
 

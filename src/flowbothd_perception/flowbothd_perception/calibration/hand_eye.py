@@ -1,4 +1,4 @@
-"""Calibration from a board that the tool carries: camera and board are both where nobody knows."""
+"""Calibration from a board on the tool; the poses of camera and board are both unknown."""
 
 from __future__ import annotations
 

@@ -26,7 +26,7 @@ FINE, POOR = 0.005, 0.01
 
 @dataclass(frozen=True)
 class Check:
-    """How far off a calibration looks.
+    """Estimated error of a calibration.
 
     Attributes:
         at_tool: Mean distance between where the tool is seen and where it is [m].
@@ -46,8 +46,8 @@ class Check:
         if self.at_tool <= FINE:
             return "fine: the body filter's paddings cover this"
         if self.at_tool <= POOR:
-            return "poor: points of the tool may remain; calibrate anew when you can"
-        return "bad: do not run with it; calibrate anew"
+            return "poor: points of the tool may remain; calibrate again when you can"
+        return "bad: do not run with it; calibrate again"
 
 
 def by_tool(
@@ -92,7 +92,7 @@ def by_board(
 def check(
     urdf: str, tool_links: Sequence[str], captures: Sequence[Capture], told: Array, seed: int = 0
 ) -> Check:
-    """How far off a camera pose looks: what moves is held against the robot's shape.
+    """Estimate the error of a camera pose: moving points are compared with the robot's shape.
 
     Raises:
         As `by_tool`.

@@ -24,7 +24,7 @@ class Stillness:
         self._taken: list[Array] = []
 
     def add(self, stamp: float, positions: Array) -> None:
-        """Take in joint positions; going back in time starts anew."""
+        """Take in joint positions; a step back in time starts over."""
         if self._recent and stamp < self._recent[-1][0]:
             self._recent.clear()
         self._recent.append((stamp, positions))

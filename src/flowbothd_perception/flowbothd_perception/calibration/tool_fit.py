@@ -242,7 +242,7 @@ class _Fit:
         return np.asarray(twisted(solution.x, pivot) @ pose)
 
     def leaving_one_out(self, pose: Array, stage: Stage) -> list[Array]:
-        """The pose without each capture in turn; how far they scatter tells how sure it is."""
+        """The pose without each capture in turn; their scatter is the uncertainty."""
         return [self.refine(pose, stage, leave_out=i) for i in range(len(self._clouds))]
 
 

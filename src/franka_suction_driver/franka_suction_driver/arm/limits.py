@@ -130,13 +130,16 @@ class JointLimits:
         worst_ratio = 1.0 + tolerance
         for name, values, limit, unit in checks:
             ratio = np.abs(values) / limit
-            if ratio.size and ratio.max() > worst_ratio:
+            if ratio.size and not ratio.max() <= worst_ratio:
                 worst_ratio = float(ratio.max())
                 k, j = np.unravel_index(int(ratio.argmax()), ratio.shape)
-                amount = abs(float(values[k, j]))
+                amount, allowed = abs(float(values[k, j])), f"at most {limit[j]:.4g}"
+                if name == "position":
+                    amount = float(trajectory.positions[k, j])
+                    allowed = f"{self.lower[j]:.4g} .. {self.upper[j]:.4g}"
                 text = (
                     f"{name} of {joints[j]} at {trajectory.times[k]:.3f} s: "
-                    f"{amount:.4g} of {limit[j]:.4g} {unit}"
+                    f"{amount:.4g} {unit}, allowed {allowed} {unit}"
                 )
                 worst = Violation(float(trajectory.times[k]), worst_ratio, text, name)
         return worst

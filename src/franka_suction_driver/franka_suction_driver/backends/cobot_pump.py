@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import logging
+import math
 import queue
 import threading
 import time
@@ -14,22 +15,29 @@ from typing import Any
 from flowbothd_common.errors import SuctionError
 from flowbothd_common.types import SuctionReading
 from franka_suction_driver.backend_params import PumpNodeParams
-from franka_suction_driver.backends.library import connection_problem, load_panda_py
+from franka_suction_driver.backends.library import (
+    RAISED,
+    connection_problem,
+    is_lost,
+    load_panda_py,
+)
 from franka_suction_driver.backends.protocol import BackendError
 
 _log = logging.getLogger(__name__)
 _PASCAL_PER_MBAR = 100.0
 _PASCAL_PER_SETPOINT = 1000.0
 _LARGEST_SETPOINT = 255
+# Pause before a connection that was lost is tried again [s]: a try may block for long.
+_RECONNECT = 5.0
 
 
 def setpoint(vacuum: float, part_present_vacuum: float) -> int:
-    """The gripper's set-point, in 10 mbar, for a vacuum in pascal.
+    """Return the gripper's set-point, in 10 mbar, for a vacuum in pascal.
 
     Raises:
         SuctionError: the pump has no such set-point, or would never report a part at it.
     """
-    value = round(vacuum / _PASCAL_PER_SETPOINT)
+    value = round(vacuum / _PASCAL_PER_SETPOINT) if math.isfinite(vacuum) else 0
     if not 1 <= value <= _LARGEST_SETPOINT:
         raise SuctionError(
             "vacuum set-point of the Cobot Pump",
@@ -70,12 +78,14 @@ class CobotPump:
     ) -> None:
         self._params, self._library, self._clock = params, library, clock
         self._gripper: Any = None
-        self._setpoint = 0
+        # None where nobody knows what the pump does, so that any command is passed on.
+        self._setpoint: int | None = 0
         self._commands: queue.SimpleQueue[int | None] = queue.SimpleQueue()
         self._reading: SuctionReading | None = None
         self._trouble = ""
         self._silent = False
         self._heard = clock()
+        self._retry_at = 0.0
         self._closing = threading.Event()
         self._threads: list[threading.Thread] = []
 
@@ -85,20 +95,17 @@ class CobotPump:
             self._library = load_panda_py()
         address = self._params.robot_ip
         if not address:
-            raise BackendError("no robot address", hint="set robot_ip, or `up real --robot`")
-        try:
-            self._gripper = self._library.libfranka.VacuumGripper(address)
-        except RuntimeError as error:
-            problem = connection_problem(self._library, address, error)
-            hint = f"{problem.hint}; Desk, Settings, End-Effector must say Cobot Pump"
-            raise BackendError(problem.what, hint=hint) from error
+            raise BackendError("no robot address", hint="set robot_ip, or `up robot --robot`")
+        self._gripper = self._open()
         for name, work in (("pump_commands", self._obey), ("pump_state", self._poll)):
             self._threads.append(threading.Thread(target=work, name=name, daemon=True))
             self._threads[-1].start()
 
     def command(self, vacuum: float) -> None:
         """Hold `vacuum` [Pa] or, with 0, release; repeating a command only shows a live sender."""
-        value = setpoint(vacuum, self._params.part_present_vacuum) if vacuum > 0 else 0
+        # A vacuum that is not a number is refused, not taken for a release.
+        released = -math.inf < vacuum <= 0
+        value = 0 if released else setpoint(vacuum, self._params.part_present_vacuum)
         self._heard, self._silent = self._clock(), False
         if value != self._setpoint:
             self._setpoint = value
@@ -125,6 +132,15 @@ class CobotPump:
         if gripper is not None:
             self._release(gripper)
 
+    def _open(self) -> Any:
+        address = self._params.robot_ip
+        try:
+            return self._library.libfranka.VacuumGripper(address)
+        except RAISED as error:
+            problem = connection_problem(self._library, address, error)
+            hint = f"{problem.hint}; Desk, Settings, End-Effector must say Cobot Pump"
+            raise BackendError(problem.what, hint=hint) from error
+
     def _obey(self) -> None:
         """Run commands one after the other; only the newest of those that wait counts."""
         while (value := self._commands.get()) is not None:
@@ -147,7 +163,7 @@ class CobotPump:
                 timedelta(seconds=params.vacuum_timeout),
                 getattr(profiles, f"kP{params.profile}"),
             )
-        except RuntimeError as error:
+        except RAISED as error:
             self._trouble = f"the pump does not build up vacuum: {error}"
             return
         self._trouble = ""
@@ -159,32 +175,56 @@ class CobotPump:
         try:
             gripper.drop_off(timedelta(seconds=self._params.drop_off_timeout))
             left = gripper.read_once()
-            level = _PASCAL_PER_MBAR * left.vacuum
-            if left.part_present or level > self._params.released_vacuum:
-                self._trouble = f"the part is not released: {level:.0f} Pa are left at the cup"
-            else:
+            level = _PASCAL_PER_MBAR * float(left.vacuum)
+            # Written so that a level that is not finite counts as not released.
+            if not left.part_present and level <= self._params.released_vacuum:
                 self._trouble = ""
-        except RuntimeError as error:
+            else:
+                self._trouble = f"the part is not released: {level:.0f} Pa are left at the cup"
+        except RAISED as error:
             self._trouble = f"the pump does not release: {error}"
             _log.error("%s", self._trouble)
         finally:
             try:
                 gripper.stop()
-            except RuntimeError as error:
+            except RAISED as error:
                 _log.error("the pump does not stop: %s", error)
 
     def _poll(self) -> None:
         while not self._closing.wait(1.0 / self._params.poll_rate):
             try:
-                state = self._gripper.read_once()
-            except RuntimeError as error:
+                self._reading = self._read(self._gripper)
+            except RAISED as error:
                 self._reading = SuctionReading(fault=f"the pump does not answer: {error}")
-                continue
-            red = str(state.device_status).endswith("kRed")
-            self._reading = SuctionReading(
-                _PASCAL_PER_MBAR * state.vacuum,
-                bool(state.part_present),
-                bool(state.part_detached),
-                "the pump reports a device error (red): see its display" if red else self._trouble,
-                bool(state.in_control_range),
+                if is_lost(error):
+                    self._reconnect()
+
+    def _reconnect(self) -> None:
+        """Replace a connection that is dead; what is commanded next is then commanded anyway."""
+        if self._clock() < self._retry_at:
+            return
+        self._retry_at = self._clock() + _RECONNECT
+        try:
+            self._gripper = self._open()
+        except BackendError as error:
+            _log.warning("%s", error)
+            return
+        self._setpoint = None
+        _log.info("the pump is connected again")
+
+    def _read(self, gripper: Any) -> SuctionReading:
+        state = gripper.read_once()
+        vacuum = _PASCAL_PER_MBAR * float(state.vacuum)
+        if not math.isfinite(vacuum):
+            return SuctionReading(
+                fault=f"the pump reports a vacuum of {state.vacuum} mbar, which is no measurement: "
+                "restart the pump"
             )
+        red = str(state.device_status).endswith("kRed")
+        return SuctionReading(
+            vacuum,
+            bool(state.part_present),
+            bool(state.part_detached),
+            "the pump reports a device error (red): see its display" if red else self._trouble,
+            bool(state.in_control_range),
+        )

@@ -9,6 +9,8 @@ from flowbothd_common.errors import FlowBotError
 from flowbothd_common.motion import JointTrajectory
 from flowbothd_common.types import Array, SuctionReading
 
+NOTHING_TO_RECOVER = "nothing to recover from"
+
 
 class BackendError(FlowBotError):
     """The robot or the pump cannot be reached, or refuses; the message says what to do."""
@@ -25,6 +27,8 @@ class ArmState:
             suction tip, in base axes; None where it cannot be known, which is not the same as 0.
         fault: Empty, or why the arm does not move, and what to do about it.
         tip: (3,) where the robot itself thinks that its end effector is, in base [m]; or None.
+        fresh: These are new measurements. Old ones are kept for the sake of the fault, and must not
+            be published again as if the arm had just been measured.
     """
 
     positions: Array
@@ -32,6 +36,7 @@ class ArmState:
     wrench: Array | None = None
     fault: str = ""
     tip: Array | None = None
+    fresh: bool = True
 
 
 class ArmBackend(Protocol):
@@ -43,8 +48,12 @@ class ArmBackend(Protocol):
     def connect(self) -> None:
         """Reach the robot and hold it where it stands.
 
+        A robot that is reached but cannot be moved as it is (in a reflex, stopped by the user,
+        guided by hand) is connected all the same: its states are read, and why it does not move is
+        their fault.
+
         Raises:
-            BackendError: it cannot be reached or is not ready; the remedy is in the message.
+            BackendError: it cannot be reached; the remedy is in the message.
         """
         ...
 
@@ -64,7 +73,10 @@ class ArmBackend(Protocol):
         ...
 
     def recover(self) -> str:
-        """Clear a fault on somebody's explicit request; empty, or why it stays."""
+        """Clear a fault on somebody's explicit request; empty, or why it stays.
+
+        Without a fault it answers NOTHING_TO_RECOVER and touches nothing: the arm may be moving.
+        """
         ...
 
     def tare(self) -> str:

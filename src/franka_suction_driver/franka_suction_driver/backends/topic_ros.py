@@ -9,14 +9,15 @@ from rclpy.node import Node
 from sensor_msgs.msg import JointState as JointStateMessage
 from trajectory_msgs.msg import JointTrajectory as JointTrajectoryMessage
 
-from flowbothd_common.motion import JointTrajectory, joint_order
-from flowbothd_common.ros import qos
+from flowbothd_common.motion import JointTrajectory
+from flowbothd_common.ros import qos, received
 from flowbothd_common.ros.conversions import to_trajectory
+from flowbothd_common.ros.guard import Guard
 from franka_suction_driver.arm.commander import Commander
 from franka_suction_driver.arm.limits import JointLimits
 from franka_suction_driver.arm.stopping import joint_stop
 from franka_suction_driver.backends.acceptance import objection
-from franka_suction_driver.backends.protocol import ArmState
+from franka_suction_driver.backends.protocol import NOTHING_TO_RECOVER, ArmState
 
 _PATIENCE = 0.3
 _SAME_PLACE = 0.02
@@ -35,6 +36,7 @@ class TopicArm:
         limits: What no trajectory may exceed.
         reject_lag: Distance between command and joint state that counts as not following [rad].
         start_tolerance: How far beside its commanded state a trajectory may begin [rad].
+        guard: Of the node's callbacks.
     """
 
     def __init__(
@@ -44,6 +46,7 @@ class TopicArm:
         limits: JointLimits,
         reject_lag: float,
         start_tolerance: float,
+        guard: Guard,
     ) -> None:
         self._names, self._limits, self._reject_lag = joint_names, limits, reject_lag
         self._start_tolerance = start_tolerance
@@ -55,7 +58,7 @@ class TopicArm:
         self._publisher = node.create_publisher(
             JointTrajectoryMessage, "controller/joint_trajectory", qos.COMMAND
         )
-        node.create_subscription(JointStateMessage, "joint_states", self._on_joints, qos.STATE)
+        guard.subscribe(JointStateMessage, "joint_states", self._on_joints, qos.STATE)
 
     def connect(self) -> None:
         """Nothing to do: topics connect by themselves."""
@@ -98,6 +101,8 @@ class TopicArm:
         """Believe the joint states again; a driver's own recovery is the driver's."""
         if self._state is None:
             return "no joint_states yet"
+        if not self._fault:
+            return NOTHING_TO_RECOVER
         self._fault, self._behind_since, self._moving = "", None, False
         self._commander.reset(self._state.positions)
         return ""
@@ -111,13 +116,16 @@ class TopicArm:
         self.hold()
 
     def _on_joints(self, message: JointStateMessage) -> None:
-        try:
-            order = joint_order(self._names, message.name)
-        except KeyError:
+        limits = self._limits
+        values = received.joint_state(
+            message,
+            self._names,
+            (limits.lower, limits.upper, limits.velocity),
+            expected=self._state is None,
+        )
+        if values is None:
             return
-        positions = np.array(message.position)[order]
-        full = len(message.velocity) == len(message.name)
-        velocities = np.array(message.velocity)[order] if full else np.zeros(len(order))
+        positions, velocities = values
         self._state = ArmState(positions, velocities, None, self._fault)
         self._watch(positions)
 

@@ -45,7 +45,9 @@ class ExternalWrench:
 
     def _unbiased(self, raw: Array, q: Array, p_stiffness: Array) -> Array | None:
         tip = self._kinematics.tip(q)
-        if not np.any(raw) or float(conditioning(tip)) < self._least:
+        # Written so that what is not finite fails.
+        known = np.isfinite(raw).all() and np.any(raw) and float(conditioning(tip)) >= self._least
+        if not known:
             return None
         force, torque = -raw[:3], -raw[3:]
         moved = torque + np.cross(p_stiffness - tip.position, force)

@@ -25,7 +25,7 @@ class AuditSink(Protocol):
         """Keep one event.
 
         Args:
-            event: goal, trajectory, result, halt or release.
+            event: goal, trajectory, result, halt or clear_stop.
             time: Node clock [s].
             entry: What JSON can hold.
         """

@@ -39,7 +39,7 @@ class Envelope:
 
     @property
     def latched(self) -> str:
-        """Why nothing may move until `release`; empty if it may."""
+        """Why nothing may move until `clear_stop`; empty if it may."""
         return self._latched
 
     def restart(self) -> None:
@@ -47,10 +47,10 @@ class Envelope:
         self._lag.restart()
 
     def latch(self, why: str) -> None:
-        """Let nothing move until `release`; the first reason is kept."""
+        """Let nothing move until `clear_stop`; the first reason is kept."""
         self._latched = self._latched or why
 
-    def release(self) -> str:
+    def clear_stop(self) -> str:
         """Let motion begin again; returns what had stopped it, empty if nothing had."""
         why, self._latched = self._latched, ""
         return why
@@ -64,19 +64,29 @@ class Envelope:
         if self._latched:
             raise MotionRejectedError(
                 f"the stop is latched: {self._latched}",
-                hint="make sure that the arm may move, then call motion/release",
+                hint="make sure that the arm may move, then call motion/clear_stop",
             )
         if self._box is None or goal.contact is None:
             return
         low, high = self._box
         contact = np.asarray(goal.contact, dtype=float)
-        if (contact < low).any() or (contact > high).any():
+        if not ((contact >= low).all() and (contact <= high).all()):
             raise MotionRejectedError(
                 "the contact lies outside the workspace box",
                 got=np.round(contact, 3).tolist(),
                 allowed=f"{low.tolist()} .. {high.tolist()} m",
                 hint="move the object, or change safety.workspace_min and workspace_max",
             )
+
+    def check_observation(self, observation: RobotObservation) -> None:
+        """Refuse to begin from values that are not finite.
+
+        Raises:
+            MotionRejectedError: some are; it says which.
+        """
+        problem = observation.problem()
+        if problem:
+            raise MotionRejectedError(f"cannot move: {problem}")
 
     def leaves(self, trajectory: JointTrajectory, start: JointState) -> str:
         """Where a trajectory takes the tip out of the box, in words, or nothing.
@@ -103,10 +113,10 @@ class Envelope:
         """What in an observation must end any motion; a force latches the stop as well."""
         params = self._params
         force = 0.0 if seen.wrench is None else float(np.linalg.norm(seen.wrench[:3]))
-        if force > params.force_limit:
+        if not force <= params.force_limit:
             message = (
                 f"{force:.0f} N on the tool (safety.force_limit {params.force_limit:.0f} N): look "
-                "what it touches, free it, then call motion/release"
+                "what it touches, free it, then call motion/clear_stop"
             )
             self.latch(message)
             return Ending(MotionReason.FORCE_LIMIT, message, True)

@@ -7,7 +7,7 @@
 from __future__ import annotations
 
 import logging
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -24,7 +24,7 @@ from flowbothd_common.types import Array, as_cloud
 from franka_suction_driver.arm.commander import Commander
 from franka_suction_driver.arm.kinematics import Kinematics
 from franka_suction_driver.arm.limits import robot_limits
-from franka_suction_driver.arm.trajectory import JointState
+from franka_suction_driver.arm.stopping import joint_stop
 from franka_suction_driver.execution.audit import (
     AuditSink,
     NoAudit,
@@ -35,7 +35,7 @@ from franka_suction_driver.execution.audit import (
 from franka_suction_driver.execution.envelope import Envelope, slowed, workspace
 from franka_suction_driver.execution.goals import checked_goal
 from franka_suction_driver.execution.motion_factory import MotionFactory, Prepared
-from franka_suction_driver.execution.motion_step import Ending, RunningMotion, Step
+from franka_suction_driver.execution.motion_step import Ending, MotionUpdate, RunningMotion, Step
 from franka_suction_driver.execution.recorder import Recorder
 from franka_suction_driver.execution.tool_follower import SlowZones, ToolFollower
 from franka_suction_driver.params import MotionParams
@@ -47,23 +47,6 @@ from franka_suction_driver.planning.planner import PlannedMotion, Planner
 _log = logging.getLogger(__name__)
 _AT_REST = 0.05
 _SAME_PLACE = 0.02
-
-
-@dataclass(frozen=True)
-class MotionUpdate:
-    """What a tick came to.
-
-    Attributes:
-        trajectory: To be sent to the arm now, replacing the running one; or None.
-        fraction: Progress of the running motion, 0..1.
-        result: Set once, when the motion is over.
-        shown: What would have been sent, were this not a dry run.
-    """
-
-    trajectory: JointTrajectory | None = None
-    fraction: float = 0.0
-    result: MotionResult | None = None
-    shown: JointTrajectory | None = None
 
 
 def _twin(robot: Kinematics) -> Kinematics:
@@ -106,7 +89,7 @@ class MotionExecutor:
             table_height=params.collision.table_height,
             workspace=workspace(params.safety),
         )
-        zones = SlowZones(params.safety.slow_conditioning, params.safety.slow_margin)
+        zones = SlowZones(params.safety.slow_singular_value, params.safety.slow_margin)
         follower = ToolFollower(robot, self.limits, box, params.planning.tilt_slack, zones)
         self._factory = MotionFactory(robot, self.limits, follower, bare, params)
         self._seed = params.seed if seed is None else seed
@@ -116,6 +99,7 @@ class MotionExecutor:
         self._running: RunningMotion | None = None
         self._recorder: Recorder | None = None
         self._goal: MotionGoal | None = None
+        self._observed: RobotObservation | None = None
         self._held = HeldPart()
         self._eye: Array | None = None
         self._stop_request: Ending | None = None
@@ -173,13 +157,14 @@ class MotionExecutor:
             )
         checked = checked_goal(goal)
         self._envelope.check_goal(checked)
+        self._envelope.check_observation(observation)
         rng = np.random.default_rng([self._seed, self._motions])
         start = np.array(observation.positions, dtype=float)
         planned = None
         if checked.kind is MotionKind.APPROACH:
             contact, direction = checked.contact, checked.direction
             if contact is not None and direction is not None:
-                planned = self._planner.approach(start, contact, direction, checked.arc, rng)
+                planned = self._planner.approach(start, contact, direction, checked.joint, rng)
                 self._held.approached(checked, self._planner.collision.points)
         elif checked.kind is MotionKind.RETREAT:
             planned = self._plan_retreat(start, rng)
@@ -203,6 +188,8 @@ class MotionExecutor:
         """
         if self.busy:
             raise MotionRejectedError("cannot begin: another motion is running")
+        self._envelope.check_observation(observation)
+        self._observed = observation
         self._envelope.check_goal(prepared.goal)
         self._audit.write("goal", observation.time, goal_entry(prepared.goal))
         self._motions += 1
@@ -215,7 +202,7 @@ class MotionExecutor:
         known = self._settle_commanded(observation)
         speed = float(np.abs(observation.velocities).max())
         # An arm that trembles where it was told to stand may go on; one that travels may not.
-        if speed > _AT_REST and not known:
+        if not speed <= _AT_REST and not known:
             message = f"the arm still moves ({speed:.2f} rad/s); wait until it rests"
             self._stop_request = Ending(MotionReason.REJECTED, message)
             return
@@ -242,6 +229,7 @@ class MotionExecutor:
         recorder = self._recorder
         if recorder is None:
             return MotionUpdate()
+        observation = self._usable(observation)
         now = observation.time
         commanded = self._commander.state(now)
         recorder.see(observation, commanded)
@@ -264,6 +252,19 @@ class MotionExecutor:
                 step = self._running.stop(now, commanded, self._last_request)
         return self._send(recorder, step, self._running.fraction, observation)
 
+    def _usable(self, observation: RobotObservation) -> RobotObservation:
+        """Return the observation, or the last good one, and stop, if values are not finite."""
+        problem = observation.problem()
+        if not problem:
+            self._observed = observation
+            return observation
+        if self._last_request is None:
+            message = f"stopped: {problem}"
+            self._stop_request = Ending(MotionReason.STALE_INPUT, message)
+            self._last_request = self._stop_request
+        last = self._observed or observation
+        return replace(last, time=observation.time, wrench=None)
+
     def _send(
         self, recorder: Recorder, step: Step, fraction: float, observation: RobotObservation
     ) -> MotionUpdate:
@@ -284,19 +285,19 @@ class MotionExecutor:
 
     @property
     def latched(self) -> str:
-        """Why nothing may move until `release`; empty if it may."""
+        """Why nothing may move until `clear_stop`; empty if it may."""
         return self._envelope.latched
 
     def halt(self, why: str, now: float) -> bool:
-        """Stop, and let nothing move until `release`; whether something was moving."""
+        """Stop, and let nothing move until `clear_stop`; whether something was moving."""
         self._envelope.latch(why)
         self._audit.write("halt", now, {"why": why})
-        return self.stop(MotionReason.STOPPED, f"{why}; latched until motion/release")
+        return self.stop(MotionReason.STOPPED, f"{why}; latched until motion/clear_stop")
 
-    def release(self, now: float) -> str:
+    def clear_stop(self, now: float) -> str:
         """Let motion begin again; returns what had stopped it, empty if nothing had."""
-        why = self._envelope.release()
-        self._audit.write("release", now, {"why": why})
+        why = self._envelope.clear_stop()
+        self._audit.write("clear_stop", now, {"why": why})
         return why
 
     def abandon(self, observation: RobotObservation) -> MotionResult:
@@ -314,9 +315,28 @@ class MotionExecutor:
             raise RuntimeError("finishing a motion gave no result")
         return update.result
 
-    def commanded(self, now: float) -> JointState:
-        """Joint state that the arm has been commanded to have at `now`."""
-        return self._commander.state(now)
+    def drop(self, now: float, why: str) -> JointTrajectory | None:
+        """Forget the running motion and brake all joints within their limits.
+
+        For a motion that has failed unexpectedly: nothing of its own is called.
+
+        Args:
+            now: Node clock [s].
+            why: For the audit log.
+
+        Returns:
+            The stop, to be sent now; None if nothing moves.
+        """
+        self._recorder = self._running = self._stop_request = None
+        if not self._commanded_once:
+            return None
+        commanded = self._commander.state(now)
+        if not commanded.velocity.any():
+            return None
+        stop = joint_stop(self.robot.joint_names, commanded, self.limits)
+        self._audit.write("drop", now, {"why": why, **trajectory_entry(stop)})
+        self._commander.issue(stop, now)
+        return stop
 
     def _finish(
         self,

@@ -101,7 +101,7 @@ class FlowStep:
             )
             return Ending(MotionReason.SUCTION_LOST, message)
         size = float(np.linalg.norm(force))
-        if size > params.force_limit:
+        if not size <= params.force_limit:
             message = (
                 f"{size:.0f} N after {travel * 100:.1f} cm (limit {params.force_limit:.0f} N): "
                 "the part is blocked, at its end stop, or moves another way"
@@ -110,13 +110,13 @@ class FlowStep:
         line = self._reference.line
         tip = self._kinematics.tip(seen.positions).position
         lag = travel - float((tip - line.origin) @ line.direction)
-        if lag > params.stall_distance and size < params.relaxed_force:
+        if not lag <= params.stall_distance and size < params.relaxed_force:
             message = (
                 f"the tool is {lag * 1000:.0f} mm behind after {travel * 100:.1f} cm, and nothing "
                 f"holds it ({size:.1f} N): the arm does not follow its command"
             )
             return Ending(MotionReason.LAGGING, message)
-        if lag > params.stall_distance:
+        if not lag <= params.stall_distance:
             message = (
                 f"the tool is {lag * 1000:.0f} mm behind after {travel * 100:.1f} cm: it no longer "
                 "moves, the part is blocked or moves another way"

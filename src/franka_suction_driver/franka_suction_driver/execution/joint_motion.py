@@ -65,7 +65,7 @@ class JointMotion:
         size = float(np.linalg.norm(force))
         if self._ending is None and self._began is not None:
             self._fraction = min(1.0, (now - self._began) / float(self._trajectory.times[-1]))
-            if size > self._force_limit and now > self._began + self._grace:
+            if not size <= self._force_limit and now > self._began + self._grace:
                 message = (
                     f"unexpected contact of {size:.0f} N (limit {self._force_limit:.0f} N) on a "
                     "free motion; retreat, and check that the object cloud shows what is in the way"

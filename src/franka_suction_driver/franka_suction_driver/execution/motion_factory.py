@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 from flowbothd_common.errors import MotionRejectedError
 from flowbothd_common.motion import MotionGoal, MotionKind, MotionReason, RobotObservation
-from flowbothd_common.types import Array, JointArc
+from flowbothd_common.types import Array, JointEstimate
 from franka_suction_driver.arm.kinematics import Kinematics, TipState
 from franka_suction_driver.arm.limits import JointLimits
 from franka_suction_driver.arm.trajectory import JointState
@@ -130,14 +130,14 @@ class MotionFactory:
         return reference, replace(rollout, problem=MotionReason.COLLISION.value, detail=touch)
 
     def _final_axes(
-        self, tip: TipState, direction: Array, distance: float, arc: JointArc | None
+        self, tip: TipState, direction: Array, distance: float, joint: JointEstimate | None
     ) -> list[Array]:
         """Tool axes (3,) to try for the end of a flow step, the best first."""
         params = self._params.flow_step
         axes = led_axes(tip.axis, direction, params.lead, params.max_lead)
         if float(tip.axis @ direction) < 0:
             return axes
-        turned = displacement(tip.position, direction, arc, distance)[:3, :3] @ direction
+        turned = displacement(tip.position, direction, joint, distance)[:3, :3] @ direction
         return [lagging_axis(tip.axis, turned, params.push_lag), *axes]
 
     def _flow_step(
@@ -149,7 +149,7 @@ class MotionFactory:
         distance = goal.distance or params.distance
         tip = self._robot.tip(start.position)
         plans = []
-        for axis in self._final_axes(tip, direction, distance, goal.arc):
+        for axis in self._final_axes(tip, direction, distance, goal.joint):
             line = tool_line(tip, direction, distance, axis, distance * params.realign_part)
             plans.append(self._follower.plan(line, Bounds(params.speed), start))
             if plans[-1][1].travel > _ENOUGH * distance:

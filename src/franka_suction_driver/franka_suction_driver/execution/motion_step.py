@@ -7,7 +7,12 @@ from typing import Protocol
 
 import numpy as np
 
-from flowbothd_common.motion import JointTrajectory, MotionReason, RobotObservation
+from flowbothd_common.motion import (
+    JointTrajectory,
+    MotionReason,
+    MotionResult,
+    RobotObservation,
+)
 from flowbothd_common.types import Array
 from franka_suction_driver.arm.trajectory import JointState
 
@@ -40,6 +45,23 @@ class Step:
     ending: Ending | None = None
 
 
+@dataclass(frozen=True)
+class MotionUpdate:
+    """What a tick came to.
+
+    Attributes:
+        trajectory: To be sent to the arm now, replacing the running one; or None.
+        fraction: Progress of the running motion, 0..1.
+        result: Set once, when the motion is over.
+        shown: What would have been sent, were this not a dry run.
+    """
+
+    trajectory: JointTrajectory | None = None
+    fraction: float = 0.0
+    result: MotionResult | None = None
+    shown: JointTrajectory | None = None
+
+
 class RunningMotion(Protocol):
     """A motion between its start and its ending."""
 
@@ -66,9 +88,15 @@ class ForceFilter:
         self._force = np.zeros(3)
 
     def update(self, now: float, wrench: Array | None) -> Array:
-        """(3,) filtered force [N] after a measurement; zero while there is none."""
+        """Return the (3,) filtered force [N] after a measurement; zero while there is none.
+
+        A measurement that is not finite is passed on, so that every limit fails, but never enters
+        the filter, which would stay NaN for the rest of the motion.
+        """
         if wrench is None:
             return self._force
+        if not np.isfinite(wrench[:3]).all():
+            return np.full(3, np.nan)
         if self._time is None:
             self._force = np.array(wrench[:3])
         else:

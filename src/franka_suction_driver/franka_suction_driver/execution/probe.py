@@ -47,6 +47,7 @@ class Probe:
         self._force = ForceFilter()
         self._goal = 0.0
         self._since_contact: float | None = None
+        self._felt = self._blind = False
         self._ending: Ending | None = None
         self._fraction = 0.0
 
@@ -67,16 +68,30 @@ class Probe:
         if seen.vacuum:
             return self._halt(clock, commanded, Ending(MotionReason.VACUUM, "", True))
         size = float(np.linalg.norm(force))
-        if size > self._params.force_limit:
+        if not size <= self._params.force_limit:
             message = f"{size:.0f} N while probing (limit {self._params.force_limit:.0f} N)"
             return self._halt(clock, commanded, Ending(MotionReason.FORCE_LIMIT, message, True))
         if self._since_contact is not None:
             return self._wait_for_vacuum(clock, resting)
+        if self._pauses(seen):
+            return self._pause(clock, commanded)
         against = -float(force @ self._reference.line.direction)
-        if against > self._params.contact_force:
+        if not against <= self._params.contact_force:
             self._since_contact = clock
             return self._braking(clock, commanded)
-        return self._advance(clock, commanded) if resting else Step()
+        return self._advance(clock, commanded) if resting and not self._blind else Step()
+
+    def _pauses(self, seen: RobotObservation) -> bool:
+        """Note whether the force is known; return whether it has just been lost."""
+        before, self._blind = self._blind, self._felt and seen.wrench is None
+        self._felt = self._felt or seen.wrench is not None
+        return self._blind and not before
+
+    def _pause(self, clock: float, commanded: JointState) -> Step:
+        """Brake until the force is known again: at full speed each blind moment costs newtons."""
+        step = self._braking(clock, commanded)
+        self._goal = float(self._reference.travel(self._reference.end).position[0])
+        return step
 
     def stop(self, now: float, commanded: JointState, ending: Ending) -> Step:
         """Brake along the direction, then end as told."""

@@ -8,7 +8,7 @@ from typing import TypeGuard
 import numpy as np
 
 from flowbothd_common.transforms import rotation_about, transform
-from flowbothd_common.types import ArcKind, Array, Cloud, JointArc
+from flowbothd_common.types import Array, Cloud, JointEstimate, JointKind
 from franka_suction_driver.planning.collision import Box
 
 MOVING_PART = "the moving part"
@@ -48,7 +48,7 @@ def opening_poses(
     side: int,
     standoff: float,
     travel: float,
-    arc: JointArc | None,
+    joint: JointEstimate | None,
     *,
     tilt: Array | None = None,
     back_off: float = 0.0,
@@ -63,7 +63,7 @@ def opening_poses(
         side: +1 = the tool stands on the side the part moves to and pulls, -1 = opposite.
         standoff: Distance of the first pose from the contact [m].
         travel: Length of the opening along the path of the contact [m].
-        arc: How the part moves; a straight line along `direction` if unknown.
+        joint: How the part moves; a straight line along `direction` if unknown.
         tilt: (3, 3) turn of the tool's axis away from the flow's; none if omitted.
         back_off: Way straight back along the tool at the end [m].
         tilt_slack: How far the tool's axis may stay behind the flow's turn [rad].
@@ -74,13 +74,13 @@ def opening_poses(
     positions = [contact - straight * d for d in np.linspace(standoff, 0.0, _PROBE_POSES)]
     axes = [axis] * _PROBE_POSES
     part = [np.eye(4)] * _PROBE_POSES
-    if swings(arc, contact):
+    if swings(joint, contact):
         # Near a hinge a short way turns the tool a lot.
-        spacing = min(spacing, _MOST_TURN * float(np.linalg.norm(_radial(contact, arc))))
+        spacing = min(spacing, _MOST_TURN * float(np.linalg.norm(_radial(contact, joint))))
     count = max(1, int(np.ceil(travel / spacing))) if travel > 0 else 0
     for way in np.linspace(0.0, travel, count + 1)[1:]:
-        moved = displacement(contact, direction, arc, float(way))
-        lagging = displacement(contact, direction, arc, float(way), behind=tilt_slack)
+        moved = displacement(contact, direction, joint, float(way))
+        lagging = displacement(contact, direction, joint, float(way), behind=tilt_slack)
         positions.append(moved[:3, :3] @ contact + moved[:3, 3])
         axes.append(lagging[:3, :3] @ axis)
         part.append(moved)
@@ -94,24 +94,29 @@ def opening_poses(
 
 
 def displacement(
-    contact: Array, direction: Array, arc: JointArc | None, way: float, *, behind: float = 0.0
+    contact: Array,
+    direction: Array,
+    joint: JointEstimate | None,
+    way: float,
+    *,
+    behind: float = 0.0,
 ) -> Array:
     """(4, 4) how the part has moved in base after `way` [m] at the contact.
 
     Args:
         contact: (3,) in base [m].
         direction: (3,) unit flow at the contact; tells the sense of the arc.
-        arc: How the part moves; a straight line if unknown.
+        joint: How the part moves; a straight line if unknown.
         way: Length along the path of the contact [m].
         behind: Angle by which an arc's rotation stays behind [rad].
     """
-    if arc is None or arc.kind is ArcKind.LINE:
+    if joint is None or joint.kind is JointKind.PRISMATIC:
         return transform(translation=direction * way)
-    radial = _radial(contact, arc)
-    sense = 1.0 if float(np.cross(arc.axis, radial) @ direction) >= 0 else -1.0
+    radial = _radial(contact, joint)
+    sense = 1.0 if float(np.cross(joint.axis, radial) @ direction) >= 0 else -1.0
     angle = max(0.0, way / max(float(np.linalg.norm(radial)), 1e-3) - behind)
-    rotation = rotation_about(arc.axis, sense * angle)
-    return transform(rotation, arc.point - rotation @ arc.point)
+    rotation = rotation_about(joint.axis, sense * angle)
+    return transform(rotation, joint.point - rotation @ joint.point)
 
 
 @dataclass(frozen=True)
@@ -130,17 +135,17 @@ class PlateExtent:
 
 
 def plate_extent(
-    contact: Array, direction: Array, arc: JointArc, cloud: Cloud | None
+    contact: Array, direction: Array, joint: JointEstimate, cloud: Cloud | None
 ) -> PlateExtent:
     """The extent by the observed points in the plate's plane, as far as they hang together.
 
     Args:
         contact: (3,) in base [m].
         direction: (3,) unit flow at the contact.
-        arc: How the part moves, about an axis.
+        joint: How the part moves, about an axis.
         cloud: (N, 3) observed points in base, or None.
     """
-    outward, normal, radius = _plate_axes(contact, direction, arc)
+    outward, normal, radius = _plate_axes(contact, direction, joint)
     if cloud is None:
         return PlateExtent()
     offsets = cloud - contact
@@ -149,7 +154,7 @@ def plate_extent(
     near = flat & (across > -radius) & (across < _BEYOND)
     if not near.any():
         return PlateExtent()
-    heights = offsets[near] @ arc.axis
+    heights = offsets[near] @ joint.axis
     outer = np.sort(across[flat & (across > 0) & (across < _MOST_BEYOND)])
     gaps = np.flatnonzero(np.diff(outer, prepend=0.0) > _GAP)
     edge = outer[: gaps[0]] if len(gaps) else outer
@@ -158,7 +163,7 @@ def plate_extent(
 
 
 def moving_part(
-    contact: Array, direction: Array, side: int, arc: JointArc | None, extent: PlateExtent
+    contact: Array, direction: Array, side: int, joint: JointEstimate | None, extent: PlateExtent
 ) -> Box | None:
     """The swinging part as a plate from its axis over the contact, or None if it does not swing.
 
@@ -166,44 +171,46 @@ def moving_part(
         contact: (3,) in base [m].
         direction: (3,) unit flow at the contact.
         side: +1 = the tool stands on the side the part moves to.
-        arc: How the part moves.
+        joint: How the part moves.
         extent: How far the plate reaches.
     """
-    if not swings(arc, contact):
+    if not swings(joint, contact):
         return None
-    outward, normal, radius = _plate_axes(contact, direction, arc)
+    outward, normal, radius = _plate_axes(contact, direction, joint)
     low, high, beyond = extent.low, extent.high, extent.beyond
     size = (radius + beyond, _PLATE, max(high - low, _PLATE))
     centre = (
         contact
         + outward * (beyond - radius) / 2
         - normal * side * _PLATE / 2
-        + arc.axis * (low + high) / 2
+        + joint.axis * (low + high) / 2
     )
     # The third axis only carries the height, which is centred: its sign does not matter.
     rotation = np.column_stack([outward, normal, np.cross(outward, normal)])
     return Box(MOVING_PART, size, transform(rotation, centre))
 
 
-def swings(arc: JointArc | None, contact: Array) -> TypeGuard[JointArc]:
+def swings(joint: JointEstimate | None, contact: Array) -> TypeGuard[JointEstimate]:
     """Whether a part swings about an axis that is not right at the contact."""
-    if arc is None or arc.kind is not ArcKind.ARC:
+    if joint is None or joint.kind is not JointKind.REVOLUTE:
         return False
-    return float(np.linalg.norm(_radial(contact, arc))) >= _PLATE
+    return float(np.linalg.norm(_radial(contact, joint))) >= _PLATE
 
 
-def _plate_axes(contact: Array, direction: Array, arc: JointArc) -> tuple[Array, Array, float]:
+def _plate_axes(
+    contact: Array, direction: Array, joint: JointEstimate
+) -> tuple[Array, Array, float]:
     """Way out from the axis, normal on the side of the flow, and distance from the axis."""
-    radial = _radial(contact, arc)
+    radial = _radial(contact, joint)
     radius = float(np.linalg.norm(radial))
     outward = radial / radius
-    normal = np.cross(arc.axis, outward)
+    normal = np.cross(joint.axis, outward)
     if float(normal @ direction) < 0:
         normal = -normal
     return outward, normal, radius
 
 
-def _radial(contact: Array, arc: JointArc) -> Array:
+def _radial(contact: Array, joint: JointEstimate) -> Array:
     """(3,) from the axis to the contact, square to the axis."""
-    arm = contact - arc.point
-    return np.asarray(arm - arc.axis * float(arm @ arc.axis))
+    arm = contact - joint.point
+    return np.asarray(arm - joint.axis * float(arm @ joint.axis))

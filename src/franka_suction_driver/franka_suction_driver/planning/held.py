@@ -45,19 +45,19 @@ class HeldPart:
             seen: (N, 3) cloud in base that it was planned with, or None.
         """
         self._plate, self._extent, self._closed, self._seen = None, PlateExtent(), None, seen
-        contact, direction, arc = goal.contact, goal.direction, goal.arc
-        if contact is None or direction is None or not swings(arc, contact):
+        contact, direction, joint = goal.contact, goal.direction, goal.joint
+        if contact is None or direction is None or not swings(joint, contact):
             return
-        self._extent = plate_extent(contact, direction, arc, seen)
-        self._closed = moving_part(contact, direction, 1, arc, self._extent)
+        self._extent = plate_extent(contact, direction, joint, seen)
+        self._closed = moving_part(contact, direction, 1, joint, self._extent)
 
     def stepped(self, goal: MotionGoal, result: MotionResult) -> None:
         """Follow a flow step: the part is where the tool holds it."""
         tip = result.tool_end
-        if goal.direction is None or not swings(goal.arc, tip[:3, 3]):
+        if goal.direction is None or not swings(goal.joint, tip[:3, 3]):
             return
         side = 1 if float(tip[:3, 2] @ goal.direction) < 0 else -1
-        self._plate = moving_part(tip[:3, 3], goal.direction, side, goal.arc, self._extent)
+        self._plate = moving_part(tip[:3, 3], goal.direction, side, goal.joint, self._extent)
         if self._closed is not None and self._seen is not None:
             self._seen, self._closed = self._seen[_outside(self._closed, self._seen)], None
 

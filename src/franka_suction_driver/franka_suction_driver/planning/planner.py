@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from flowbothd_common.motion import JointTrajectory, MotionReason
 from flowbothd_common.transforms import rotation_about, unit
-from flowbothd_common.types import Array, JointArc
+from flowbothd_common.types import Array, JointEstimate
 from franka_suction_driver.arm.kinematics import Kinematics
 from franka_suction_driver.arm.limits import JointLimits, PositionBox
 from franka_suction_driver.execution.envelope import workspace
@@ -101,7 +101,7 @@ class Planner:
         start: Array,
         contact: Array,
         direction: Array,
-        arc: JointArc | None,
+        joint: JointEstimate | None,
         rng: np.random.Generator,
     ) -> PlannedMotion:
         """Plan to the standoff, from the side of the flow if possible.
@@ -110,15 +110,15 @@ class Planner:
             start: (J,) configuration at rest.
             contact: (3,) in base [m].
             direction: (3,) unit flow at the contact.
-            arc: How the part is expected to move, or None.
+            joint: How the part is expected to move, or None.
             rng: Source of all randomness.
         """
         if not self._params.planning.pull:
-            return self._approach_from(-1, start, contact, direction, arc, rng)
-        planned = self._approach_from(1, start, contact, direction, arc, rng)
+            return self._approach_from(-1, start, contact, direction, joint, rng)
+        planned = self._approach_from(1, start, contact, direction, joint, rng)
         if planned.trajectory is not None or not self._params.planning.push_from_front:
             return planned
-        other = self._approach_from(-1, start, contact, direction, arc, rng)
+        other = self._approach_from(-1, start, contact, direction, joint, rng)
         if other.trajectory is None:
             return replace(planned, message=f"{planned.message}; opposite side: {other.message}")
         why = f"pushing from the opposite side, since from the side of the flow: {planned.message}"
@@ -180,15 +180,17 @@ class Planner:
         start: Array,
         contact: Array,
         direction: Array,
-        arc: JointArc | None,
+        joint: JointEstimate | None,
         rng: np.random.Generator,
     ) -> PlannedMotion:
         planning = self._params.planning
         slack = planning.tilt_slack if side > 0 else self._params.flow_step.push_lag
         part = None
-        if swings(arc, contact):
-            extent = plate_extent(contact, direction, arc, self.collision.points)
-            part = moving_part(contact, direction, side, arc, PlateExtent(extent.low, extent.high))
+        if swings(joint, contact):
+            extent = plate_extent(contact, direction, joint, self.collision.points)
+            part = moving_part(
+                contact, direction, side, joint, PlateExtent(extent.low, extent.high)
+            )
         self.collision.set_boxes([] if part is None else [part])
         branches: _Branches | None = None
         for tilt in _tilts(direction, planning.tilt_slack):
@@ -197,8 +199,8 @@ class Planner:
                 direction,
                 side,
                 self._params.approach.standoff,
-                planning.continuation,
-                arc,
+                planning.lookahead,
+                joint,
                 tilt=tilt,
                 back_off=self._params.approach.back_off,
                 tilt_slack=slack,
@@ -214,7 +216,7 @@ class Planner:
             raise RuntimeError("no tilt was tried")
         if not len(branches.standoffs):
             return PlannedMotion(branches.reason, branches.message, side=side)
-        if side < 0 and branches.reach < planning.least_push:
+        if side < 0 and branches.reach < planning.min_push_fraction:
             message = f"only {branches.reach:.0%} of the opening could be pushed"
             return PlannedMotion(MotionReason.UNREACHABLE, message, side=side)
         touch = self.collision.touch(start)

@@ -102,16 +102,18 @@ class SuctionMachine:
     def _problem(self, now: float) -> str:
         params = self._params
         silent = now - self._heard
-        if silent > params.measurement_timeout:
+        if not silent <= params.measurement_timeout:
             since = f"for {silent:.1f} s" if self._ever_heard else "since the start"
             return f"no measurement from the pump {since}; is the bridge or the backend running?"
         if self._reading.fault:
             return f"pump fault: {self._reading.fault}"
         releasing = self._vacuum == 0 and self._ever_heard
-        held = self._reading.part_present or self._reading.pressure > params.release_pressure
+        # Written so that a vacuum that is not finite counts as held.
+        vented = self._reading.vacuum <= params.release_pressure
+        held = self._reading.part_present or not vented
         if releasing and held and now - self._commanded > params.release_timeout:
             return (
                 f"the part is not released {now - self._commanded:.1f} s after switching off "
-                f"({self._reading.pressure:.0f} Pa left); do not retreat with it"
+                f"({self._reading.vacuum:.0f} Pa left); do not retreat with it"
             )
         return ""

@@ -6,15 +6,16 @@ import sys
 import time
 from typing import Any
 
-from rclpy.clock import Clock, ClockType
 from rclpy.node import Node
 
 from flowbothd_common.errors import SuctionError
 from flowbothd_common.ros import qos
 from flowbothd_common.ros.diagnostics import ERROR, OK, NodeStatus
+from flowbothd_common.ros.guard import Guard
 from flowbothd_common.ros.node_main import run_node
 from flowbothd_common.ros.parameters import declare
 from flowbothd_common.types import SuctionPhase, SuctionReading
+from flowbothd_common.values import bounded
 from flowbothd_interfaces.msg import SuctionCommand, SuctionMeasurement, SuctionState
 from flowbothd_interfaces.srv import SetSuction
 from franka_suction_driver.suction.suction import SuctionMachine, SuctionStatus
@@ -22,6 +23,8 @@ from franka_suction_driver.suction_params import SuctionParams
 
 _PERIOD = 0.05
 _REPEAT = 0.5
+_VACUUM_RANGE = (-1.0e4, 1.2e5)
+"""Vacuum below ambient that a gauge can show: a little below zero, a little above all air [Pa]."""
 _CODES = {
     SuctionPhase.OFF: SuctionState.OFF,
     SuctionPhase.BUILDING: SuctionState.BUILDING,
@@ -41,13 +44,13 @@ class SuctionNode(Node):
         self._state = self.create_publisher(SuctionState, "suction/state", qos.STATE)
         self._command = self.create_publisher(SuctionCommand, "suction/command", qos.COMMAND)
         self._last_command = 0.0
-        self.create_subscription(
-            SuctionMeasurement, "suction/measurement", self._on_measurement, qos.STATE
-        )
-        self.create_service(SetSuction, "suction/set", self._on_set)
-        self._status = NodeStatus(self)
-        # Liveness is judged on the steady clock: the timer must run when simulated time stands.
-        self.create_timer(_PERIOD, self._on_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
+        # After a failure the set-point is not repeated, and the pump's own timeout releases.
+        self._guard = guard = Guard(self)
+        topic = "suction/measurement"
+        guard.subscribe(SuctionMeasurement, topic, self._on_measurement, qos.STATE)
+        guard.serve(SetSuction, "suction/set", self._on_set)
+        self._status = NodeStatus(self, guard)
+        guard.every(_PERIOD, self._on_timer)
 
     def destroy_node(self) -> None:
         """Switch the pump off before going."""
@@ -71,9 +74,8 @@ class SuctionNode(Node):
 
     def _on_measurement(self, message: SuctionMeasurement) -> None:
         fault = message.fault_message or "unknown" if message.fault else ""
-        reading = SuctionReading(
-            message.pressure, message.part_present, message.part_detached, fault
-        )
+        vacuum = bounded("vacuum of the pump", message.vacuum, *_VACUUM_RANGE, "Pa")
+        reading = SuctionReading(vacuum, message.part_present, message.part_detached, fault)
         before = self._machine.status(time.monotonic()).phase
         self._machine.measure(reading, time.monotonic())
         status = self._machine.status(time.monotonic())
@@ -88,7 +90,10 @@ class SuctionNode(Node):
         if now - self._last_command > _REPEAT:
             self._send(status.vacuum)
         level = ERROR if status.phase is SuctionPhase.FAULT else OK
-        self._status.report(level, status.message or "pump ready", {"phase": status.phase.value})
+        message = status.message or "pump ready"
+        if level == ERROR and self._guard.troubles():
+            message = "; ".join([message, *self._guard.troubles()])
+        self._status.report(level, message, {"phase": status.phase.value})
 
     def _send(self, vacuum: float) -> None:
         self._last_command = time.monotonic()
@@ -99,7 +104,7 @@ class SuctionNode(Node):
     def _publish(self, status: SuctionStatus) -> None:
         message = SuctionState(
             state=_CODES[status.phase],
-            pressure=float(status.reading.pressure),
+            vacuum=float(status.reading.vacuum),
             part_present=status.reading.part_present,
             part_detached=status.reading.part_detached or status.phase is SuctionPhase.LOST,
             fault=status.phase is SuctionPhase.FAULT,

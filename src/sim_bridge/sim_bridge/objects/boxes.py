@@ -11,7 +11,7 @@ Vector = Sequence[float]
 class BoxUrdf:
     """Collects links of boxes and joints between them, and gives the URDF text.
 
-    Box positions are told in the OBJECT frame, joint origins too (all rotations are the identity),
+    Box positions are given in the OBJECT frame, joint origins too (all rotations are the identity),
     so that a link's boxes do not depend on where its joint sits.
     """
 

@@ -1,4 +1,4 @@
-"""The ambiguous door: four ways to open, and nothing that can be seen of it tells which."""
+"""The ambiguous door: four ways to open, and nothing visible shows which."""
 
 from __future__ import annotations
 

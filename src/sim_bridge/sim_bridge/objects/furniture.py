@@ -157,7 +157,7 @@ def _placed(
 ) -> ObjectModel:
     """The model, standing at x, y [m] and yaw [rad].
 
-    The places were found by search with the simulated arm: the drawer beside the arm's own plane,
+    The places were found by search with the simulated arm: the drawer next to the arm's own plane,
     where its elbow has room; the cabinet turned so that its door swings past the arm; the lid's
     hinge turned towards the arm, so that the tool need not reach over the lid from behind.
     """

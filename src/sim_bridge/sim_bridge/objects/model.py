@@ -1,4 +1,4 @@
-"""What an articulated object is: links with meshes, movable joints with limits, kinematics."""
+"""Articulated objects: links with meshes, movable joints with limits, kinematics."""
 
 from __future__ import annotations
 

@@ -15,15 +15,17 @@ from matplotlib.figure import Figure
 from PIL import Image
 
 METHODS = {
-    "flowbothd": ("FlowBotHD", "#0072b2"),
-    "flowbothd-nohistory": ("no history", "#56b4e9"),
-    "flowbothd-nodiffusion": ("no diffusion", "#009e73"),
-    "flowbot3d-ro": ("FlowBot3D (RO)", "#d55e00"),
-    "flowbot3d-md": ("FlowBot3D (MD)", "#e69f00"),
+    "flowbothd": ("FlowBotHD (ours)", "#0072b2"),
+    "flowbothd-nohistory": ("no history (ours)", "#56b4e9"),
+    "flowbothd-nodiffusion": ("no diffusion (ours)", "#009e73"),
+    "flowbot3d-ro": ("FlowBot3D (RO, ours)", "#d55e00"),
+    "flowbot3d-md": ("FlowBot3D (MD, ours)", "#e69f00"),
     "oracle": ("oracle", "#222222"),
     "random": ("random", "#999999"),
 }
-"""Method -> its name in words and its colour; hues that the colour-blind can tell apart."""
+"""Method -> its name in words and its colour; hues that the colour-blind can tell apart.
+
+Ours: networks of this project, under the paper's name of the row."""
 
 TRUTH_COLOUR = "#cc79a7"
 """What is true, or what the paper reports, beside what was measured."""

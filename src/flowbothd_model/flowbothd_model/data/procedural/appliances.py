@@ -41,7 +41,7 @@ def _knobs(
 
 
 def refrigerator(rng: np.random.Generator, name: str) -> ArticulatedObject:
-    """One to four doors, beside or above each other, sometimes with drawers below."""
+    """One to four doors, next to or above each other, sometimes with drawers below."""
     builder = Builder(rng)
     width, depth, height, thick = _sizes(rng, (0.5, 1.0), (0.5, 0.75), (0.8, 2.0), (0.04, 0.09))
     builder.shell(

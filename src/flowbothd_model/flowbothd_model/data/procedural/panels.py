@@ -43,7 +43,7 @@ def leaf(
 def four_mode_door(
     rng: np.random.Generator, mode: DoorMode, name: str = "door", jitter: float = 0.0
 ) -> ArticulatedObject:
-    """The paper's custom door: nothing visible tells which of the four ways it opens.
+    """The paper's custom door: nothing visible shows which of the four ways it opens.
 
     Leaf 16.83 x 1.75 x 43.5 cm in a frame of 25 x 8.5 x 43.8 cm on a base of 31.75 x 36 x 1.25 cm;
     `jitter` varies every measure by up to that share, and then the door is scaled like all objects;
