@@ -59,19 +59,11 @@ install_uv() {
 }
 
 find_python() {
-  for version in $PYTHONS; do
-    # A system Python without headers cannot compile the interfaces; the next one may.
-    for python in $(command -v "python$version") \
-                  $(UV_PYTHON_DOWNLOADS=never .uv/bin/uv python find --system "$version" 2>/dev/null); do
-      if "$python" -c 'import os, sys, sysconfig
-sys.exit(not os.path.exists(os.path.join(sysconfig.get_paths()["include"], "Python.h")))' 2>/dev/null; then
-        echo "$python"; return
-      fi
-    done
-  done
-  say "no Python 3.11 or 3.12 with headers here: uv fetches 3.11"
-  .uv/bin/uv python install -q 3.11 && .uv/bin/uv python find 3.11 && return
-  fail "no Python 3.11 or 3.12 found, and none could be fetched. Install one with its headers, e.g. apt-get install python3.11-dev"
+  tools/find_python.sh $PYTHONS && return
+  local version=${PYTHONS%% *}
+  say "no Python ${PYTHONS// / or } with headers here: uv fetches $version"
+  .uv/bin/uv python install -q "$version" && .uv/bin/uv python find "$version" && return
+  fail "no Python ${PYTHONS// / or } found, and none could be fetched. Install one with its headers, e.g. apt-get install python$version-dev"
 }
 
 # Whether the stamp $1 was written for the present content of the given files.
@@ -101,23 +93,30 @@ install_locked_packages() {
 
 install_our_packages() {
   local sources=(src/flowbothd_interfaces/{CMakeLists.txt,package.xml,pyproject.toml,msg/*,srv/*,action/*})
-  if ! fresh "$VENV/.interfaces" "${sources[@]}"; then
+  if [ ! -d "$VENV/wheels" ] || ! fresh "$VENV/.interfaces" "${sources[@]}"; then
     say "building flowbothd_interfaces (about a minute)"
-    PATH="$PWD/$VENV/bin:$PATH" AMENT_PREFIX_PATH="$PWD/$VENV" .uv/bin/uv pip install -q \
-      --python "$VENV/bin/python" --no-build-isolation --no-deps --reinstall --no-cache \
-      ./src/flowbothd_interfaces
+    # The wheel stays: `make dist` and the test of an installation need it too.
+    rm -rf "$VENV/wheels" "$VENV/.interfaces"
+    PATH="$PWD/$VENV/bin:$PATH" AMENT_PREFIX_PATH="$PWD/$VENV" .uv/bin/uv build -q --wheel \
+      --python "$VENV/bin/python" --no-build-isolation --out-dir "$VENV/wheels" \
+      src/flowbothd_interfaces
+    .uv/bin/uv pip install -q --python "$VENV/bin/python" --no-deps --reinstall --no-cache \
+      "$VENV"/wheels/flowbothd_interfaces-*.whl
     stamp "$VENV/.interfaces" "${sources[@]}"
   fi
-  local builds=(src/*/setup.py)
+  local builds=(src/*/{setup.py,package.xml,pyproject.toml})
   if ! fresh "$VENV/.packages" "${builds[@]}"; then
     say "installing our packages"
     local editable=()
-    for build in "${builds[@]}"; do editable+=(-e "./$(dirname "$build")"); done
+    for build in src/*/setup.py; do editable+=(-e "./$(dirname "$build")"); done
     .uv/bin/uv pip install -q --python "$VENV/bin/python" --no-build-isolation --no-deps "${editable[@]}"
     stamp "$VENV/.packages" "${builds[@]}"
   fi
 }
 
+for version in $PYTHONS; do
+  case $version in 3.11 | 3.12) ;; *) fail "Python $version is not supported: choose PYTHON=3.11 or PYTHON=3.12" ;; esac
+done
 install_system_packages
 install_uv
 install_locked_packages

@@ -1,19 +1,38 @@
 """Build description of flowbothd_common for colcon and pip."""
 
+from pathlib import Path
+from xml.etree import ElementTree
+
 from setuptools import find_packages, setup
 
 NAME = "flowbothd_common"
+PACKAGE = ElementTree.parse(Path(__file__).resolve().parent / "package.xml")
+VERSION = PACKAGE.findtext("version")
 
 setup(
     name=NAME,
-    version="0.1.0",
-    description="Value types, transforms, errors and ROS glue shared by the FlowBotHD packages.",
+    version=VERSION,
+    description=PACKAGE.findtext("description"),
+    license="Apache-2.0",
+    python_requires=">=3.11",
     packages=find_packages(include=[NAME, NAME + ".*"]),
     package_data={NAME: ["**/*.yaml", "**/*.json", "**/*.xml", "py.typed"]},
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/" + NAME]),
         ("share/" + NAME, ["package.xml"]),
     ],
-    install_requires=["setuptools"],
-    extras_require={"test": ["pytest"]},
+    install_requires=[
+        "flowbothd_interfaces==" + VERSION,
+        "ros-builtin-interfaces~=2.0",
+        "ros-diagnostic-msgs~=5.3",
+        "ros-geometry-msgs~=5.3",
+        "ros-rcl-interfaces~=2.0",
+        "ros-rclpy[fastrtps]~=7.1.6",
+        "ros-sensor-msgs~=5.3",
+        "ros-std-msgs~=5.3",
+        "ros-trajectory-msgs~=5.3",
+        "numpy>=1.26",
+        "pyyaml",
+    ],
+    extras_require={"test": ["hypothesis", "pytest"]},
 )

@@ -1,19 +1,49 @@
 """Build description of flowbothd_evaluation for colcon and pip."""
 
+from pathlib import Path
+from xml.etree import ElementTree
+
 from setuptools import find_packages, setup
 
 NAME = "flowbothd_evaluation"
+PACKAGE = ElementTree.parse(Path(__file__).resolve().parent / "package.xml")
+VERSION = PACKAGE.findtext("version")
 
 setup(
     name=NAME,
-    version="0.1.0",
-    description="Stepped rollouts, the experiments with arm and paper, openings and benchmarks.",
+    version=VERSION,
+    description=PACKAGE.findtext("description"),
+    license="Apache-2.0",
+    python_requires=">=3.11",
     packages=find_packages(include=[NAME, NAME + ".*"]),
     package_data={NAME: ["**/*.yaml", "**/*.json", "**/*.xml", "py.typed"]},
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/" + NAME]),
         ("share/" + NAME, ["package.xml"]),
     ],
-    install_requires=["setuptools"],
+    install_requires=[
+        "flowbothd_common==" + VERSION,
+        "flowbothd_model==" + VERSION,
+        "flowbothd_perception==" + VERSION,
+        "flowbothd_policy==" + VERSION,
+        "flowbothd_rosbag==" + VERSION,
+        "franka_suction_driver==" + VERSION,
+        "sim_bridge==" + VERSION,
+        "ros-diagnostic-msgs~=5.3",
+        "ros-rclpy[fastrtps]~=7.1.6",
+        "ros-sensor-msgs~=5.3",
+        "ros-std-msgs~=5.3",
+        "matplotlib",
+        "numpy>=1.26",
+        'open3d-cpu; platform_machine == "x86_64"',
+        'open3d; platform_machine != "x86_64"',
+        "pillow",
+        "pin",
+        "psutil",
+        "pyyaml",
+        "scipy",
+        "torch",
+        "tqdm",
+    ],
     extras_require={"test": ["pytest"]},
 )

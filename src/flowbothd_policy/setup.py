@@ -1,20 +1,37 @@
 """Build description of flowbothd_policy for colcon and pip."""
 
+from pathlib import Path
+from xml.etree import ElementTree
+
 from setuptools import find_packages, setup
 
 NAME = "flowbothd_policy"
+PACKAGE = ElementTree.parse(Path(__file__).resolve().parent / "package.xml")
+VERSION = PACKAGE.findtext("version")
 
 setup(
     name=NAME,
-    version="0.1.0",
-    description="The articulation manipulation policy, its node and the inference node.",
+    version=VERSION,
+    description=PACKAGE.findtext("description"),
+    license="Apache-2.0",
+    python_requires=">=3.11",
     packages=find_packages(include=[NAME, NAME + ".*"]),
     package_data={NAME: ["**/*.yaml", "**/*.json", "**/*.xml", "py.typed"]},
     data_files=[
         ("share/ament_index/resource_index/packages", ["resource/" + NAME]),
         ("share/" + NAME, ["package.xml"]),
     ],
-    install_requires=["setuptools"],
+    install_requires=[
+        "flowbothd_common==" + VERSION,
+        "flowbothd_interfaces==" + VERSION,
+        "flowbothd_model==" + VERSION,
+        "ros-builtin-interfaces~=2.0",
+        "ros-rclpy[fastrtps]~=7.1.6",
+        "ros-sensor-msgs~=5.3",
+        "ros-std-msgs~=5.3",
+        "ros-std-srvs~=5.3",
+        "numpy>=1.26",
+    ],
     extras_require={"test": ["pytest"]},
     entry_points={
         "console_scripts": [
