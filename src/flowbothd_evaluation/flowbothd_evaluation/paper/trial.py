@@ -28,10 +28,10 @@ from flowbothd_evaluation.rollout.driver import PolicyDriver
 from flowbothd_evaluation.rollout.floating import SUCCESS, FloatingPolicyWorld, TargetOnly
 from flowbothd_evaluation.run_record.record import RunRecord
 from flowbothd_evaluation.run_record.signals import signal_columns
-from flowbothd_policy.oracle import OracleParams, OraclePredictor, Truth
 from flowbothd_policy.predictor import FlowPredictor
 from sim_bridge.floating import FloatingWorld
 from sim_bridge.objects.model import ObjectModel
+from sim_bridge.oracle import GroundTruthFlow, OracleParams, OraclePredictor
 
 TRUTH, NONE = MASKS = ("truth", "none")
 """Which points may be grasped: those of the target link, or of the whole cloud."""
@@ -217,7 +217,7 @@ class _TimedWorld(FloatingPolicyWorld):
     """Knows how long the world took, and the truth of one cloud once."""
 
     seconds = 0.0
-    _known: tuple[Cloud, Truth] | None = None
+    _known: tuple[Cloud, GroundTruthFlow] | None = None
 
     def observe(self) -> Any:
         """See FloatingPolicyWorld."""
@@ -227,7 +227,7 @@ class _TimedWorld(FloatingPolicyWorld):
         """See FloatingPolicyWorld."""
         return self._timed(lambda: super(_TimedWorld, self).move(goal))
 
-    def truth(self, points: Cloud, *, target_only: bool) -> Truth:
+    def truth(self, points: Cloud, *, target_only: bool) -> GroundTruthFlow:
         """See FloatingPolicyWorld; nothing moves between two questions about the same cloud."""
         if self._known is None or self._known[0] is not points:
             self._known = (points, super().truth(points, target_only=target_only))
