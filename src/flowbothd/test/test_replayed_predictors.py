@@ -23,7 +23,7 @@ pytestmark = pytest.mark.ros
 POINTS = np.random.default_rng(1).uniform(-0.3, 0.3, (40, 3)).astype(np.float32)
 FLOWS = np.stack([np.eye(3, dtype=np.float32)[[axis] * len(POINTS)] for axis in (0, 1)])
 STAMP = (12, 500)
-ASKED = Predict(POINTS, None, 4, 99, 12.0)
+ASKED = Predict(POINTS, stamp=12.0, history=None, samples=4, seed=99)
 
 NOW = {"oracle_node": {"predictor": "ambiguous", "noise": 0.25, "truth_timeout": 5.0}}
 BEFORE = {
