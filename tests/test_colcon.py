@@ -48,8 +48,9 @@ def test_colcon_builds_every_python_package_and_runs_their_tests(tmp_path):
     packages = sorted(p.parent.name for p in (ROOT / "src").glob("*/setup.py"))
     for package in packages:
         assert (tmp_path / "install" / package / "share" / package / "package.xml").is_file()
-    for node in ("policy_node", "inference_node"):
-        assert (tmp_path / "install" / "flowbothd_policy" / "lib/flowbothd_policy" / node).is_file()
+    nodes = {"policy_node": "flowbothd_policy", "inference_node": "flowbothd_policy"}
+    for node, package in {**nodes, "oracle_node": "sim_bridge"}.items():
+        assert (tmp_path / "install" / package / "lib" / package / node).is_file()
     launch = tmp_path / "install/flowbothd_bringup/share/flowbothd_bringup/launch/sim.launch.py"
     assert launch.is_file()
     assert (tmp_path / "install/flowbothd/lib/flowbothd/flowbothd").is_file()

@@ -33,12 +33,9 @@ NODES: dict[str, tuple[str, dict[str, Any]]] = {
     ),
     "inference_node": (
         "flowbothd_policy.inference_node.InferenceNode",
-        {"predictor": "oracle", "truth_timeout": 0.1},
+        {"model_path": "compact-procedural"},
     ),
-    "inference_node, network": (
-        "flowbothd_policy.inference_node.InferenceNode",
-        {"predictor": "model", "model_path": "compact-procedural"},
-    ),
+    "oracle_node": ("sim_bridge.oracle_node.OracleNode", {"truth_timeout": 0.1}),
     "policy_node": ("flowbothd_policy.policy_node.PolicyNode", {"service_timeout": 0.5}),
     "motion_node": ("franka_suction_driver.motion_node.MotionNode", {}),
     "suction_node": ("franka_suction_driver.suction.suction_node.SuctionNode", {}),

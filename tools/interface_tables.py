@@ -21,13 +21,14 @@ INTERFACES = ROOT / "docs" / "reference" / "interfaces.md"
 PARAMETERS = ROOT / "docs" / "reference" / "parameters.md"
 README = ROOT / "README.md"
 
-NODES = tuple({**sim_graph.NODES, **robot_graph.NODES}.values())
+NODES = tuple({**sim_graph.NODES, **sim_graph.sim_nodes("oracle"), **robot_graph.NODES}.values())
 # What has no default: a node refuses to start without it, here it gets something to start with.
 REQUIRED: dict[str, dict[str, Any]] = {
     "flowbothd_perception.perception_node": {
         "camera.position": [0.0, 0.0, 0.0],
         "camera.quaternion": [0.0, 0.0, 0.0, 1.0],
-    }
+    },
+    "flowbothd_policy.inference_node": {"model_path": "compact-procedural"},
 }
 # What every ROS node has and no reader asks about.
 COMMON = (

@@ -42,6 +42,7 @@ setup(
     entry_points={
         "console_scripts": [
             "bridge_node = sim_bridge.bridge_node:main",
+            "oracle_node = sim_bridge.oracle_node:main",
         ]
     },
 )

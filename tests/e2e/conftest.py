@@ -38,6 +38,9 @@ class Graph:
 
         self.domain = next(_domains)
         self.log = log
+        self.predictor = "model"
+        if "--predictor" in arguments:
+            self.predictor = arguments[arguments.index("--predictor") + 1]
         self._file = log.open("w")
         self.process = subprocess.Popen(
             [*FLOWBOTHD, "up", "sim", *arguments, "--domain", str(self.domain)],
@@ -95,10 +98,11 @@ class Graph:
 
     def wait_ready(self) -> None:
         """Listen until every node says that it can work."""
-        from flowbothd_bringup.sim_graph import NODES
+        from flowbothd_bringup.sim_graph import sim_nodes
 
+        nodes = set(sim_nodes(self.predictor))
         self.wait(
-            lambda: set(NODES) <= {name for name, ready in self.ready.items() if ready},
+            lambda: nodes <= {name for name, ready in self.ready.items() if ready},
             START_TIMEOUT,
             "all nodes ready",
         )

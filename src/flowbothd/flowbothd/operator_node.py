@@ -19,7 +19,7 @@ from rclpy.node import Node
 from std_srvs.srv import Trigger
 
 from flowbothd.report.collector import Collector
-from flowbothd_bringup.sim_graph import NODES
+from flowbothd_bringup.sim_graph import sim_nodes
 from flowbothd_common.errors import FlowBotError
 from flowbothd_common.guardian import watch_guardian
 from flowbothd_common.ros.liveness import PeerWatch
@@ -42,14 +42,14 @@ class Operator:
 
     Args:
         node: Node of its own; spun here, never from a callback.
-        record: Is filled.
+        record: Is filled; its predictor says which nodes the graph has.
     """
 
     def __init__(self, node: Node, record: RunRecord) -> None:
         self._node, self.record = node, record
         self._executor = SingleThreadedExecutor(context=node.context)
         self._executor.add_node(node)
-        self._peers = PeerWatch(node, NODES)
+        self._peers = PeerWatch(node, sim_nodes(record.predictor))
         self.collector = Collector(node, record, ARM_JOINTS)
         self._start = node.create_client(Trigger, "policy/start")
         self._stop = node.create_client(Trigger, "policy/stop")

@@ -8,7 +8,7 @@ import tempfile
 from pathlib import Path
 
 from flowbothd_bringup.processes import run_graph
-from flowbothd_bringup.sim_graph import RunOptions, check_object, sim_graph
+from flowbothd_bringup.sim_graph import MODEL, PREDICTORS, RunOptions, check_object, sim_graph
 from flowbothd_common.environment import node_environment, own_domain
 from sim_bridge.scenes import scene_for
 
@@ -26,8 +26,8 @@ def add_run_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--seed", type=int, default=0, help="run seed (default: %(default)s)")
     parser.add_argument(
         "--predictor",
-        choices=("oracle", "ambiguous", "model"),
-        default="model",
+        choices=PREDICTORS,
+        default=MODEL,
         help="who predicts the flow (default: %(default)s)",
     )
     parser.add_argument(

@@ -19,6 +19,7 @@ from flowbothd_rosbag.recorder_params import RecorderParams
 from franka_suction_driver.backend_params import ArmNodeParams, PumpNodeParams
 from franka_suction_driver.params import MotionNodeParams
 from franka_suction_driver.suction_params import SuctionParams
+from sim_bridge.oracle import OracleNodeParams
 from sim_bridge.params import BridgeParams
 
 PARAMETERS: dict[str, type] = {
@@ -26,6 +27,7 @@ PARAMETERS: dict[str, type] = {
     "bridge_node": BridgeParams,
     "inference_node": InferenceParams,
     "motion_node": MotionNodeParams,
+    "oracle_node": OracleNodeParams,
     "perception_node": PerceptionNodeParams,
     "player_node": PlayerParams,
     "policy_node": PolicyNodeParams,

@@ -22,7 +22,7 @@ NODES = {
 }
 """Node name -> module that runs it. What blocks Python, the pump, has a process of its own."""
 
-_OTHERS = ("bridge_node", "recorder_node", "player_node")
+_OTHERS = ("bridge_node", "oracle_node", "recorder_node", "player_node")
 """Nodes of other graphs that a lab's file may have parameters of."""
 
 _CALIBRATION = ("camera.position", "camera.quaternion")

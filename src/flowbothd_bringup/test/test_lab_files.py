@@ -120,7 +120,13 @@ def test_the_parameters_of_every_node_are_known():
     from flowbothd_bringup.node_graph import RECORDER
     from flowbothd_bringup.replay_graph import PLAYER
 
-    assert set(PARAMETERS) == {*sim_graph.NODES, *robot_graph.NODES, RECORDER, PLAYER}
+    assert set(PARAMETERS) == {
+        *sim_graph.sim_nodes("model"),
+        *sim_graph.sim_nodes("oracle"),
+        *robot_graph.NODES,
+        RECORDER,
+        PLAYER,
+    }
 
 
 def test_every_file_that_is_shipped_applies_under_a_namespace():

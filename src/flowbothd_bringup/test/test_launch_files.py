@@ -100,13 +100,13 @@ def plain(parameters):
 
 
 def test_simulation(launch):
-    from flowbothd_bringup.sim_graph import NODES, RunOptions, sim_parameters
+    from flowbothd_bringup.sim_graph import RunOptions, sim_nodes, sim_parameters
     from sim_bridge.scenes import scene_for
 
     actions = launch("sim.launch.py", object="drawer", seed="3", start="true", predictor="oracle")
-    nodes = started(actions)
-    assert set(nodes) == set(NODES)
-    assert {n.package for n in nodes.values()} == {m.split(".")[0] for m in NODES.values()}
+    nodes, wanted = started(actions), sim_nodes("oracle")
+    assert set(nodes) == set(wanted)
+    assert {n.package for n in nodes.values()} == {m.split(".")[0] for m in wanted.values()}
     options = RunOptions(seed=3, predictor="oracle", start=True)
     assert parameters_of(actions) == plain(sim_parameters(scene_for("drawer"), options))
     profiles = [a for a in actions if isinstance(a, Environment)]

@@ -13,9 +13,19 @@ pytest.importorskip("rclpy", reason="ROS is not installed")
 
 from flowbothd_bringup.node_graph import RECORDER, NodeGraph
 from flowbothd_bringup.robot_graph import NODES as ROBOT_NODES
+from flowbothd_bringup.sim_graph import (
+    INFERENCE,
+    MODEL,
+    ORACLE,
+    PREDICTORS,
+    RunOptions,
+    sim_graph,
+)
 from flowbothd_bringup.sim_graph import NODES as SIM_NODES
 from flowbothd_common.environment import node_environment
+from flowbothd_common.errors import ParameterError
 from flowbothd_common.parameter_files import read_parameters
+from sim_bridge.scenes import scene_for
 
 SUCTION = {"suction_node": SIM_NODES["suction_node"]}
 FOUND_WITHIN = 30.0
@@ -37,6 +47,33 @@ def test_what_decides_is_the_same_in_simulation_and_on_a_robot() -> None:
     shared = set(SIM_NODES) & set(ROBOT_NODES)
     assert set(SIM_NODES) - shared == {"bridge_node"}
     assert set(ROBOT_NODES) - shared == {"arm_node", "pump_node"}
+
+
+@pytest.mark.parametrize("predictor", PREDICTORS)
+def test_one_node_predicts_and_the_others_watch_it(predictor: str) -> None:
+    """The incident this guards against: a run that waits for a node that is not in its graph."""
+    graph = sim_graph(scene_for("drawer"), RunOptions(predictor=predictor, model="compact"))
+    server, other = INFERENCE, ORACLE
+    if predictor != MODEL:
+        server, other = ORACLE, INFERENCE
+        assert graph.parameters[ORACLE]["predictor"] == predictor
+    else:
+        assert graph.parameters[INFERENCE]["model_path"] == "compact"
+    assert server in graph.nodes and other not in {*graph.nodes, *graph.parameters}
+    assert graph.parameters[server]["use_sim_time"] is True
+    watching = [
+        value
+        for values in graph.parameters.values()
+        for value in values.values()
+        if isinstance(value, list) and "perception_node" in value
+    ]
+    assert len(watching) == 2, "policy_node and motion_node watch the others"
+    assert all(server in names and other not in names for names in watching)
+
+
+def test_an_unknown_predictor_is_refused() -> None:
+    with pytest.raises(ParameterError, match="got psychic; allowed: model, oracle, ambiguous"):
+        sim_graph(scene_for("drawer"), RunOptions(predictor="psychic"))
 
 
 @pytest.mark.ros

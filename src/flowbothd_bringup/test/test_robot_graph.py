@@ -80,6 +80,19 @@ def test_unknown_nodes_and_files_are_refused(lab: RobotOptions, tmp_path: Path) 
         robot_parameters(replace(lab, files=(tmp_path / "none.yaml",)))
 
 
+def test_a_robot_has_no_oracle(lab: RobotOptions, tmp_path: Path) -> None:
+    """The incident: the inference node of a robot took `predictor: oracle` from a file."""
+    graph = robot_graph(lab)
+    assert "oracle_node" not in {*graph.nodes, *graph.parameters}
+    file = tmp_path / "oracle.yaml"
+    write_parameters(file, {"inference_node": {"predictor": "oracle"}})
+    with pytest.raises(ParameterError, match="inference_node has no parameter predictor"):
+        robot_parameters(replace(lab, files=(*lab.files, file)))
+    # A file that serves the simulation too may have an entry for it; no node is started by that.
+    write_parameters(file, {"oracle_node": {"noise": 0.0}, "motion_node": {"seed": 1}})
+    assert "oracle_node" not in robot_graph(replace(lab, files=(*lab.files, file))).nodes
+
+
 def test_every_node_has_a_process_of_its_own(lab: RobotOptions, tmp_path: Path) -> None:
     """The trap: read_once holds Python's lock; the pump must not share the arm's process."""
     processes = robot_graph(lab).processes(tmp_path / "p.yaml")

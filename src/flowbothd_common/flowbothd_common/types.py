@@ -42,6 +42,13 @@ def as_cloud(points: object, name: str = "cloud", *, min_points: int = 1) -> Clo
     return array
 
 
+def max_normalised(flows: NDArray[np.floating]) -> NDArray[np.float32]:
+    """Divide each of (S, N, 3) flow fields by its largest norm; a field of zeros stays zero."""
+    norms = np.linalg.norm(flows, axis=-1)
+    largest = norms.max(axis=-1, keepdims=True)[..., None] if norms.size else np.ones(1)
+    return np.asarray(flows / np.where(largest > 1e-9, largest, 1.0), dtype=np.float32)
+
+
 @dataclass(frozen=True)
 class History:
     """The last observation and prediction that moved the part.

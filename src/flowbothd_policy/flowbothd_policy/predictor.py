@@ -44,10 +44,3 @@ class FlowPredictor(Protocol):
             moves.
         """
         ...
-
-
-def max_normalised(flows: NDArray[np.floating]) -> NDArray[np.float32]:
-    """(S, N, 3) fields, each divided by its largest norm; fields of zeros stay zero."""
-    norms = np.linalg.norm(flows, axis=-1)
-    largest = norms.max(axis=-1, keepdims=True)[..., None] if norms.size else np.ones(1)
-    return np.asarray(flows / np.where(largest > 1e-9, largest, 1.0), dtype=np.float32)

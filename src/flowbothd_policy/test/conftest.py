@@ -26,10 +26,10 @@ from flowbothd_policy.events import (
     Start,
     SuctionChanged,
 )
-from flowbothd_policy.oracle import OracleParams, OraclePredictor, Truth
 from flowbothd_policy.params import PolicyParams
 from flowbothd_policy.state import PolicyState
 from flowbothd_policy.state_machine import advance
+from sim_bridge.oracle import GroundTruthFlow, OracleParams, OraclePredictor
 
 MODES = ("pull_left", "pull_right", "push_left", "push_right")
 HOME = transform(translation=(0.3, 0.0, 0.6))
@@ -107,7 +107,7 @@ class Door:
             point, axis = self.hinge(mode)
             flow = np.where(on_leaf[:, None], np.cross(axis, points - point), 0.0)
             flows.append(flow / np.linalg.norm(flow, axis=1).max())
-        return Truth(np.asarray(flows, np.float32), names, self.open_ratio)
+        return GroundTruthFlow(np.asarray(flows, np.float32), names, self.open_ratio)
 
     def execute(self, goal: MotionGoal) -> MotionResult:
         start = self.tool.copy()

@@ -6,10 +6,10 @@ import pytest
 from flowbothd_common.motion import MotionKind
 from flowbothd_common.types import Outcome
 from flowbothd_policy.commands import Decision
-from flowbothd_policy.oracle import OracleParams
 from flowbothd_policy.params import GraspParams, OpeningParams, PolicyParams
 from flowbothd_policy.state import PolicyState
 from flowbothd_policy.state_machine import advance
+from sim_bridge.oracle import OracleParams
 
 MODES = ("pull_left", "pull_right", "push_left", "push_right")
 AMBIGUOUS = OracleParams("ambiguous")

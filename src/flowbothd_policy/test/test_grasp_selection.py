@@ -7,8 +7,8 @@ import pytest
 
 from flowbothd_common.transforms import angle_between, rotation_about
 from flowbothd_policy.grasp_selection import Place, select_grasp
-from flowbothd_policy.oracle import OracleParams, draw
 from flowbothd_policy.params import GraspParams
+from sim_bridge.oracle import OracleParams, draw
 
 PAPER = GraspParams(edge_margin=0.0, direction="flow", normal_angle=0.0, table_clearance=0.0)
 

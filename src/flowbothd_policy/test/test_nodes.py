@@ -1,4 +1,7 @@
-"""Inference and policy node in one process, against recording stand-ins for the other nodes."""
+"""Inference and policy node in one process, against recording stand-ins for the other nodes.
+
+The runs of the policy are served by an oracle around the door of conftest.
+"""
 
 from __future__ import annotations
 
@@ -85,7 +88,6 @@ def fake_world(door):
             self.door, self.decisions, self.predictions, self.stops = door, [], [], 0
             self.beating = ["perception_node", "motion_node", "suction_node"]
             self.holding, self.suction = False, SuctionState.OFF
-            self.answer_truth = True
             self.heart = self.create_publisher(Heartbeat, "heartbeat", qos.HEARTBEAT)
             self.state = self.create_publisher(SuctionState, "suction/state", qos.STATE)
             self.cloud = self.create_publisher(PointCloud2, "object_cloud", qos.IMAGE)
@@ -149,9 +151,6 @@ def fake_world(door):
             return response
 
         async def on_truth(self, request, response):
-            if not self.answer_truth:
-                response.message = "no object"
-                return response
             points = clouds.from_cloud_message(request.cloud, clouds.XYZ).reshape(-1, 3)
             truth = door.truth(points)
             response.flows = clouds.to_flow_message(request.cloud.header, points, truth.flows)
@@ -167,71 +166,61 @@ def fake_world(door):
     return World
 
 
-def ask(door, points=None, samples=2):
+def ask(points, samples=2):
     from flowbothd_common.ros import clouds
     from flowbothd_interfaces.srv import PredictFlow
 
-    points = door.observe() if points is None else points
     cloud = clouds.to_cloud_message(header(), points, clouds.XYZ)
     return PredictFlow.Request(cloud=cloud, samples=samples, seed=3)
 
 
+@pytest.mark.long
 def test_inference_answers_publishes_and_repeats(ros, make_door):
+    pytest.importorskip("torch", reason="torch is not installed")
     from flowbothd_common.ros import clouds
     from flowbothd_policy.inference_node import InferenceNode
 
     door = make_door("pull_left")
     world = ros.add(fake_world(door))
-    ros.add(InferenceNode, predictor="ambiguous")
+    ros.add(InferenceNode, model_path="compact-procedural")
     points = door.observe()
-    response = ros.call(world.predict, ask(door, points))
+    response = ros.call(world.predict, ask(points))
     assert response.ok, response.message
     assert (response.flows.height, response.flows.width) == (2, len(points))
-    again = ros.call(world.predict, ask(door, points))
+    again = ros.call(world.predict, ask(points))
     assert bytes(again.flows.data) == bytes(response.flows.data)
     ros.wait(lambda: len(world.predictions) == 2, what="published predictions")
-    assert world.predictions[0].model_id == "ambiguous"
+    assert world.predictions[0].model_id == response.model_id != ""
     assert world.predictions[0].seed == 3
     back, flows = clouds.from_flow_message(world.predictions[0].flows)
     np.testing.assert_array_equal(back, points)
     np.testing.assert_allclose(np.linalg.norm(flows, axis=2).max(axis=1), 1, rtol=1e-5)
+    empty = ros.call(world.predict, ask(np.empty((0, 3), np.float32)))
+    assert not empty.ok
+    assert "too few points" in empty.message
 
 
-def test_inference_says_what_is_wrong(ros, make_door):
+def test_inference_that_is_not_active_refuses(ros, make_door):
     from flowbothd_policy.inference_node import InferenceNode
 
     door = make_door("pull_left")
     world = ros.add(fake_world(door))
-    ros.add(InferenceNode)
-    empty = ros.call(world.predict, ask(door, np.empty((0, 3), np.float32)))
-    assert not empty.ok
-    assert "too few points" in empty.message
-    nans = np.full((9, 3), np.nan, np.float32)
-    assert "not finite" in ros.call(world.predict, ask(door, nans)).message
-    assert "allowed: 1..1000" in ros.call(world.predict, ask(door, samples=0)).message
-    world.answer_truth = False
-    assert "refused the cloud: no object" in ros.call(world.predict, ask(door)).message
+    ros.add(InferenceNode, autostart=False)
+    answer = ros.call(world.predict, ask(door.observe()))
+    assert not answer.ok
+    assert "activate the lifecycle node" in answer.message
 
 
-def test_inference_without_a_simulation_does_not_hang(ros, make_door):
-    from rclpy.node import Node
-
-    from flowbothd_interfaces.srv import PredictFlow
-    from flowbothd_policy.inference_node import InferenceNode
-
-    ros.add(InferenceNode, truth_timeout=0.3)
-    client = ros.add(Node, "asker").create_client(PredictFlow, "predict_flow")
-    response = ros.call(client, ask(make_door("pull_left")))
-    assert not response.ok
-    assert "no answer from sim/ground_truth_flow within 0.3 s" in response.message
-
-
-def test_a_model_without_weights_is_refused_at_the_start(ros):
+def test_inference_knows_networks_only(ros):
+    """The incident: on a robot the inference node could be asked for the truth of a simulation."""
     from flowbothd_common.errors import CheckpointError
     from flowbothd_policy.inference_node import InferenceNode
 
+    node = ros.add(InferenceNode, autostart=False)
+    assert list(node.clients) == []
+    assert not node.has_parameter("predictor")
     with pytest.raises(CheckpointError, match="set model_path"):
-        ros.add(InferenceNode, predictor="model")
+        ros.add(InferenceNode)
 
 
 def test_a_malformed_parameter_is_refused(ros):
@@ -243,12 +232,12 @@ def test_a_malformed_parameter_is_refused(ros):
 
 
 def run_to_outcome(ros, door, **overrides):
-    from flowbothd_policy.inference_node import InferenceNode
     from flowbothd_policy.policy_node import PolicyNode
+    from sim_bridge.oracle_node import OracleNode
 
     world = ros.add(fake_world(door))
-    ros.add(InferenceNode, predictor="ambiguous")
-    ros.add(PolicyNode, **{"seed": 3, **overrides})
+    ros.add(OracleNode, predictor="ambiguous")
+    ros.add(PolicyNode, **{"seed": 3, "peers": [*world.beating, "oracle_node"], **overrides})
     return world
 
 

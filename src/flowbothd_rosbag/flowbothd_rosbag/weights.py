@@ -20,7 +20,7 @@ def models_in_use(parameters: Mapping[str, Mapping[str, Any]]) -> dict[str, str]
     return {
         node: str(given["model_path"])
         for node, given in parameters.items()
-        if given.get("predictor") == "model" and given.get("model_path")
+        if given.get("model_path")
     }
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -12,6 +11,7 @@ from numpy.typing import NDArray
 from flowbothd_common.transforms import apply, inverse
 from flowbothd_common.types import Array, Cloud, as_cloud
 from sim_bridge.objects.model import Joint, ObjectModel
+from sim_bridge.oracle import GroundTruthFlow
 from sim_bridge.scene import ray_scene, tensor
 
 STEP = 0.01
@@ -19,21 +19,6 @@ STEP = 0.01
 
 FAR = 0.04
 """Points further than this from the object do not belong to it [m]."""
-
-
-@dataclass(frozen=True)
-class GroundTruth:
-    """Flows that are true, or would be in another mode.
-
-    Attributes:
-        flows: (M, N, 3) float32, each divided by its largest norm; row 0 is the truth.
-        modes: M names.
-        open_ratio: Of the target joint.
-    """
-
-    flows: NDArray[np.float32]
-    modes: tuple[str, ...]
-    open_ratio: float
 
 
 class FlowOracle:
@@ -52,7 +37,7 @@ class FlowOracle:
         positions: Mapping[str, float],
         *,
         target_only: bool = False,
-    ) -> GroundTruth:
+    ) -> GroundTruthFlow:
         """Flow of a cloud.
 
         Every movable joint advances by STEP from where it stands, limits or not; the displacements
@@ -81,7 +66,7 @@ class FlowOracle:
         largest = np.linalg.norm(turned, axis=2).max(axis=1)[:, None, None]
         normalised = np.divide(turned, largest, out=np.zeros_like(turned), where=largest > 0)
         ratio = model.target.open_ratio(positions[model.target_joint])
-        return GroundTruth(normalised.astype(np.float32), tuple(names), ratio)
+        return GroundTruthFlow(normalised.astype(np.float32), tuple(names), ratio)
 
     def owners(
         self, cloud: Cloud, pose: Array, positions: Mapping[str, float]

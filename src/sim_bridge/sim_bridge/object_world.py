@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from flowbothd_common.types import Array
 from sim_bridge.bullet import Body, Bullet
-from sim_bridge.ground_truth import FlowOracle, GroundTruth
+from sim_bridge.ground_truth import FlowOracle
 from sim_bridge.objects.model import ObjectModel
+from sim_bridge.oracle import GroundTruthFlow
 
 
 class ObjectWorld:
@@ -43,7 +44,7 @@ class ObjectWorld:
         """Open ratio of the target joint."""
         return self.open_ratios()[self.model.target_joint]
 
-    def ground_truth_flow(self, points: object, *, target_only: bool = False) -> GroundTruth:
+    def ground_truth_flow(self, points: object, *, target_only: bool = False) -> GroundTruthFlow:
         """True flow of (N, 3) points in base; see FlowOracle.flow."""
         return self._oracle.flow(
             points, self.object_pose, self.object_positions(), target_only=target_only

@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
-from flowbothd.replay.story import Stamp, Story
+from flowbothd.replay.story import INFERENCE_NODE, ORACLE_NODE, Stamp, Story, oracle_parameters
 from flowbothd_common.parameters import build, specifications
 from flowbothd_model.describe import describe
 from flowbothd_policy.commands import Predict
 from flowbothd_policy.inference_node import load_model
 from flowbothd_policy.inference_params import InferenceParams
 from flowbothd_policy.predictor import FlowPredictor
-from flowbothd_policy.sampling import sample_model, sample_truth
-from flowbothd_policy.truth_ros import truth_of
+from flowbothd_policy.sampling import sample_model
 from flowbothd_rosbag.metadata import BagError
-
-NODE = "inference_node"
+from sim_bridge.ground_truth_ros import ground_truth_in
+from sim_bridge.oracle import OracleParams, draw
 
 
 class Inference:
@@ -34,16 +36,20 @@ class Inference:
     """
 
     def __init__(self, story: Story) -> None:
-        if NODE not in story.parameters:
-            raise BagError(f"the recording has no parameters of {NODE}")
-        known = {spec.name for spec in specifications(InferenceParams)}
-        values = {k: v for k, v in story.parameters[NODE].items() if k in known}
-        self._params = build(InferenceParams, values)
         self._story = story
         self._model: FlowPredictor | None = None
         self.problems: list[str] = []
-        if self._params.predictor == "model":
+        oracle = oracle_parameters(story.parameters)
+        if oracle is not None:
+            self._oracle = build(OracleParams, _known(OracleParams, oracle))
+        elif INFERENCE_NODE in story.parameters:
+            values = _known(InferenceParams, story.parameters[INFERENCE_NODE])
+            self._params = build(InferenceParams, values)
             self._load()
+        else:
+            raise BagError(
+                f"the recording has parameters neither of {INFERENCE_NODE} nor of {ORACLE_NODE}"
+            )
 
     def _load(self) -> None:
         import torch
@@ -51,7 +57,7 @@ class Inference:
         # As in the node's own environment; other numbers of threads add in another order.
         torch.set_num_threads(1)
         self._model = load_model(self._params)
-        recorded = self._story.weights.get(NODE, {}).get("sha256")
+        recorded = self._story.weights.get(INFERENCE_NODE, {}).get("sha256")
         here = describe(self._params.model_path).get("sha256")
         if recorded and recorded != here:
             self.problems.append(
@@ -80,5 +86,10 @@ class Inference:
                 f"the recording has no true flow for the cloud at {stamp}",
                 hint="an oracle can be recomputed only where its service's events were recorded",
             )
-        truth = truth_of(response, len(asked.points))
-        return sample_truth(self._params, truth, asked.samples, asked.seed)
+        truth = ground_truth_in(response, len(asked.points))
+        return draw(truth, self._oracle, asked.samples, asked.seed)
+
+
+def _known(params: type, values: Mapping[str, Any]) -> dict[str, Any]:
+    names = {spec.name for spec in specifications(params)}
+    return {name: value for name, value in values.items() if name in names}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -19,10 +19,12 @@ from flowbothd_rosbag.lookup import topic_called
 from flowbothd_rosbag.metadata import BagError
 from flowbothd_rosbag.reader import Bag, Message, Span
 from flowbothd_rosbag.types_ros import message_class
+from sim_bridge.oracle import ORACLES
 
 EVENTS, DECISIONS = "policy/events", "policy/decisions"
 CLOUD, PREDICTION = "object_cloud", "flow/prediction"
 TRUTH = "sim/ground_truth_flow/_service_event"
+INFERENCE_NODE, ORACLE_NODE = "inference_node", "oracle_node"
 
 Stamp = tuple[int, int]
 """Seconds and nanoseconds, as in the message: exact."""
@@ -122,6 +124,25 @@ def read_story(bag: Bag, span: Span | None = None) -> Story:
     story.parameters = stored_parameters(bag)
     story.weights = stored_weights(bag)
     return story
+
+
+def oracle_parameters(parameters: Mapping[str, Mapping[str, Any]]) -> Mapping[str, Any] | None:
+    """Return the parameters of the oracle that predicted; None if a network did.
+
+    In recordings made before oracle_node existed, inference_node's parameter `predictor` says so.
+    """
+    if ORACLE_NODE in parameters:
+        return parameters[ORACLE_NODE]
+    inference = parameters.get(INFERENCE_NODE, {})
+    return inference if inference.get("predictor") in ORACLES else None
+
+
+def predictor_name(parameters: Mapping[str, Mapping[str, Any]]) -> str:
+    """Return which predictor a graph had: an oracle by its name, ``model``, or ``unknown``."""
+    oracle = oracle_parameters(parameters)
+    if oracle is not None:
+        return str(oracle["predictor"])
+    return "model" if INFERENCE_NODE in parameters else "unknown"
 
 
 def _points(message: Any) -> Cloud:

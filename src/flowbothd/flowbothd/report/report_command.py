@@ -49,18 +49,18 @@ def record_of(bag: Bag) -> RunRecord:
     Raises:
         BagError: it holds no decisions.
     """
-    from flowbothd.replay.story import decoded
+    from flowbothd.replay.story import decoded, predictor_name
     from flowbothd.report.collector import Collector
     from flowbothd_rosbag.attached import stored_parameters
     from franka_suction_driver.arm.params import ARM_JOINTS
 
     parameters = stored_parameters(bag)
-    bridge, inference = parameters.get("bridge_node", {}), parameters.get("inference_node", {})
+    bridge = parameters.get("bridge_node", {})
     record = RunRecord(
         object=str(bridge.get("object", "a real object")),
         mode="",
         seed=int(parameters.get("policy_node", {}).get("seed", 0)),
-        predictor=str(inference.get("predictor", "unknown")),
+        predictor=predictor_name(parameters),
     )
     ears = _Ears()
     collector = Collector(ears, record, ARM_JOINTS)

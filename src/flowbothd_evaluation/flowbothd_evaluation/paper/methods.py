@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flowbothd_common.errors import ParameterError
-from flowbothd_common.types import Cloud, History
+from flowbothd_common.types import Cloud, History, max_normalised
 from flowbothd_evaluation.rollout.floating import FLOATING_POLICY
 from flowbothd_policy.params import PolicyParams
-from flowbothd_policy.predictor import FlowPredictor, max_normalised
+from flowbothd_policy.predictor import FlowPredictor
 
 SWITCHES = ("SG", "CC", "HF")
 """Switch grasp, consistency check, history filter."""

@@ -29,10 +29,10 @@ from flowbothd_evaluation.rollout.floating import SUCCESS, FloatingPolicyWorld, 
 from flowbothd_evaluation.run_record.record import RunRecord
 from flowbothd_evaluation.run_record.signals import pull_signals
 from flowbothd_policy.commands import Decision
-from flowbothd_policy.oracle import OracleParams, OraclePredictor, Truth
 from flowbothd_policy.predictor import FlowPredictor
 from sim_bridge.floating import FloatingWorld
 from sim_bridge.objects.model import ObjectModel
+from sim_bridge.oracle import GroundTruthFlow, OracleParams, OraclePredictor
 
 if TYPE_CHECKING:
     from flowbothd_model.metrics import FlowErrors
@@ -202,7 +202,7 @@ class _TimedWorld(FloatingPolicyWorld):
     """Knows how long the world took, and the truth of one cloud once."""
 
     seconds = 0.0
-    _known: tuple[Cloud, Truth] | None = None
+    _known: tuple[Cloud, GroundTruthFlow] | None = None
 
     def observe(self) -> Any:
         """See FloatingPolicyWorld."""
@@ -212,7 +212,7 @@ class _TimedWorld(FloatingPolicyWorld):
         """See FloatingPolicyWorld."""
         return self._timed(lambda: super(_TimedWorld, self).move(goal))
 
-    def truth(self, points: Cloud, *, target_only: bool) -> Truth:
+    def truth(self, points: Cloud, *, target_only: bool) -> GroundTruthFlow:
         """See FloatingPolicyWorld; nothing moves between two questions about the same cloud."""
         if self._known is None or self._known[0] is not points:
             self._known = (points, super().truth(points, target_only=target_only))

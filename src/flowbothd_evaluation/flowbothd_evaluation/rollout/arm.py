@@ -15,7 +15,6 @@ from flowbothd_evaluation.run_record.record import MotionEntry, RunRecord, State
 from flowbothd_perception.params import PipelineParams
 from flowbothd_perception.pipeline import PerceptionPipeline
 from flowbothd_policy.events import CloudArrived, Event, MotionFinished, SuctionChanged
-from flowbothd_policy.oracle import OracleParams, OraclePredictor, Truth
 from flowbothd_policy.params import PolicyParams
 from flowbothd_policy.predictor import FlowPredictor
 from franka_suction_driver.arm.description import compose_urdf
@@ -28,6 +27,7 @@ from franka_suction_driver.suction_params import SuctionParams
 from sim_bridge.camera import DepthCamera
 from sim_bridge.depth_noise import DepthNoise
 from sim_bridge.objects.registry import load_object
+from sim_bridge.oracle import GroundTruthFlow, OracleParams, OraclePredictor
 from sim_bridge.scenes import Scene
 from sim_bridge.world import ArmWorld
 
@@ -130,10 +130,9 @@ class ArmPolicyWorld:
         joints = self._world.object_positions()
         return StateSample(self.time, positions, joints, self._world.open_ratio)
 
-    def truth(self, points: Cloud) -> Truth:
-        """What an oracle may know."""
-        truth = self._world.ground_truth_flow(points)
-        return Truth(truth.flows, truth.modes, truth.open_ratio)
+    def truth(self, points: Cloud) -> GroundTruthFlow:
+        """Return the true flow of a cloud; for oracles."""
+        return self._world.ground_truth_flow(points)
 
     def _suction_events(self) -> list[Event]:
         self._suction.measure(self._world.suction(), self.time)
@@ -181,7 +180,7 @@ def arm_rollout(
         driven = world if disturb is None else disturb(world)
         adapter = ArmPolicyWorld(driven, camera, perception, executor, seed, record)
         if isinstance(predictor, str):
-            predictor = OraclePredictor(adapter.truth, OracleParams(mode=predictor))
+            predictor = OraclePredictor(adapter.truth, OracleParams(predictor))
         record.predictor = predictor.model_id
         PolicyDriver(adapter, predictor, params, record).run()
         contacts = {

@@ -8,15 +8,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flowbothd_common.motion import MotionGoal
-from flowbothd_common.types import Cloud, History, SuctionPhase
+from flowbothd_common.types import Cloud, History, SuctionPhase, max_normalised
 from flowbothd_evaluation.rollout.driver import PolicyDriver
 from flowbothd_evaluation.run_record.record import RunRecord, StateSample
 from flowbothd_policy.events import CloudArrived, Event, MotionFinished, SuctionChanged
-from flowbothd_policy.oracle import OracleParams, OraclePredictor, Truth
 from flowbothd_policy.params import GraspParams, OpeningParams, PolicyParams
-from flowbothd_policy.predictor import FlowPredictor, max_normalised
+from flowbothd_policy.predictor import FlowPredictor
 from sim_bridge.floating import FloatingWorld
 from sim_bridge.objects.model import ObjectModel
+from sim_bridge.oracle import GroundTruthFlow, OracleParams, OraclePredictor
 
 POINTS = 1200
 SUCCESS = 0.9
@@ -97,10 +97,9 @@ class FloatingPolicyWorld:
         """Of that joint."""
         return self._world.open_ratios()[self.furthest()]
 
-    def truth(self, points: Cloud, *, target_only: bool) -> Truth:
-        """What an oracle may know."""
-        truth = self._world.ground_truth_flow(points, target_only=target_only)
-        return Truth(truth.flows, truth.modes, truth.open_ratio)
+    def truth(self, points: Cloud, *, target_only: bool) -> GroundTruthFlow:
+        """Return the true flow of a cloud; for oracles."""
+        return self._world.ground_truth_flow(points, target_only=target_only)
 
     def _suction_events(self) -> list[Event]:
         reading = self._world.suction()

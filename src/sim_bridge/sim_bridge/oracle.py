@@ -9,25 +9,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from flowbothd_common.errors import InvalidCloudError, ParameterError
+from flowbothd_common.parameters import parameter
 from flowbothd_common.transforms import rotation_about
-from flowbothd_common.types import Cloud, History, as_cloud
-from flowbothd_policy.predictor import max_normalised
+from flowbothd_common.types import Cloud, History, as_cloud, max_normalised
 
-MODES = ("oracle", "ambiguous")
-"""What an oracle may be asked to be."""
+ORACLES = ("oracle", "ambiguous")
+"""Predictors that the simulation itself can serve."""
 
 
 @dataclass(frozen=True)
-class Truth:
-    """Ground truth of a simulation for a cloud.
+class GroundTruthFlow:
+    """Flows of a cloud that are true, or would be in another mode of the object.
 
     Attributes:
-        flows: (M, N, 3) float32; row 0 is the truth, the others what looks alike.
-        modes: Name of each row.
-        open_ratio: Of the target joint, 0..1.
+        flows: (M, N, 3) float32, each divided by its largest norm; row 0 is the truth, the others
+            belong to modes that look alike.
+        modes: M names, one for each row.
+        open_ratio: Opening of the target joint, 0..1.
 
     Raises:
-        InvalidCloudError: no rows, or as many names as rows are missing.
+        InvalidCloudError: there are no rows, or the numbers of rows and names differ.
     """
 
     flows: NDArray[np.float32]
@@ -48,30 +49,44 @@ class Truth:
 
 @dataclass(frozen=True)
 class OracleParams:
-    """Errors of an oracle.
-
-    Attributes:
-        mode: ``oracle``: the truth; ``ambiguous``: closed, a random candidate; visibly open, the
-            truth, or with some probability a wrong candidate.
-        noise: Standard deviation per component of each point's own error, max-normalised.
-        tilt: Standard deviation of a rotation common to all points of a sample [rad].
-        wrong_mode_probability: Of a wrong candidate once the part is visibly open.
-        open_threshold: Open ratio from which the part is visibly open.
+    """Errors that an oracle makes.
 
     Raises:
         ParameterError: a value is out of range.
     """
 
-    mode: str = "oracle"
-    noise: float = 0.05
-    tilt: float = 0.05
-    wrong_mode_probability: float = 0.2
-    open_threshold: float = 0.05
+    predictor: str = parameter(
+        "oracle",
+        "oracle: the true flow with noise; ambiguous: like a network that does not know how a "
+        "closed part opens",
+        choices=ORACLES,
+    )
+    noise: float = parameter(
+        0.05,
+        "standard deviation of each point's own error, per component of max-normalised flow",
+        minimum=0.0,
+        maximum=10.0,
+    )
+    tilt: float = parameter(
+        0.05,
+        "standard deviation of a rotation common to all points of a sample [rad]",
+        minimum=0.0,
+        maximum=3.2,
+    )
+    wrong_mode_probability: float = parameter(
+        0.2,
+        "ambiguous: probability of a wrong way of opening once the part is visibly open",
+        minimum=0.0,
+        maximum=1.0,
+    )
+    open_threshold: float = parameter(
+        0.05, "ambiguous: open ratio from which the part is visibly open", minimum=0.0, maximum=1.0
+    )
 
     def __post_init__(self) -> None:
-        """Validate the values."""
-        if self.mode not in MODES:
-            raise ParameterError("unknown oracle mode", got=self.mode, allowed=", ".join(MODES))
+        """Validate values that did not come through ROS or a file."""
+        if self.predictor not in ORACLES:
+            raise ParameterError("unknown oracle", got=self.predictor, allowed=", ".join(ORACLES))
         if self.noise < 0 or self.tilt < 0:
             raise ParameterError("noise of an oracle", got=(self.noise, self.tilt), allowed=">= 0")
         if not 0 <= self.wrong_mode_probability <= 1:
@@ -80,18 +95,32 @@ class OracleParams:
             )
 
 
+@dataclass(frozen=True)
+class OracleNodeParams(OracleParams):
+    """Parameters of the oracle node: the errors that it makes, and its limits as a node."""
+
+    truth_timeout: float = parameter(
+        5.0, "wait for the simulation's answer [s]", minimum=0.1, maximum=600.0
+    )
+    max_samples: int = parameter(
+        1000, "largest number of samples in one request", minimum=1, maximum=1000000
+    )
+
+
 class OraclePredictor:
-    """Samples around the truth.
+    """A predictor that samples around the true flow; implements `FlowPredictor`.
 
     Args:
-        truth: Tells the true flow of (N, 3) float32 points.
-        params: How to err.
+        truth: Returns the true flow of (N, 3) float32 points.
+        params: Errors of the samples.
     """
 
-    def __init__(self, truth: Callable[[Cloud], Truth], params: OracleParams | None = None) -> None:
+    def __init__(
+        self, truth: Callable[[Cloud], GroundTruthFlow], params: OracleParams | None = None
+    ) -> None:
         self._truth = truth
         self._params = params or OracleParams()
-        self.model_id = self._params.mode
+        self.model_id = self._params.predictor
 
     def sample(
         self,
@@ -102,12 +131,14 @@ class OraclePredictor:
         sampler: str | None = None,
         seed: int | None = None,
     ) -> NDArray[np.float32]:
-        """(samples, N, 3); see `FlowPredictor.sample`. History, steps and sampler are ignored."""
+        """Draw (samples, N, 3) fields; history, steps and sampler are ignored."""
         cloud = as_cloud(points)
         return draw(self._truth(cloud), self._params, samples, seed)
 
 
-def draw(truth: Truth, params: OracleParams, samples: int, seed: int | None) -> NDArray[np.float32]:
+def draw(
+    truth: GroundTruthFlow, params: OracleParams, samples: int, seed: int | None
+) -> NDArray[np.float32]:
     """Draw (samples, N, 3) max-normalised fields around a truth.
 
     Raises:
@@ -124,7 +155,7 @@ def _one(
     clean: NDArray[np.float32], open_ratio: float, params: OracleParams, rng: np.random.Generator
 ) -> NDArray[np.float32]:
     flow: NDArray[np.float32] = clean[0]
-    if params.mode == "ambiguous":
+    if params.predictor == "ambiguous":
         flow = _ambiguous(clean, open_ratio, params, rng)
     if not np.any(flow):
         return flow.copy()

@@ -1,4 +1,4 @@
-"""Asks the simulation for the true flow of a cloud, from inside an async callback."""
+"""Client of the simulation's true flow, for use in async callbacks."""
 
 from __future__ import annotations
 
@@ -13,31 +13,32 @@ from sensor_msgs.msg import PointCloud2
 
 from flowbothd_common.errors import InvalidCloudError
 from flowbothd_common.ros import clouds, qos
-from flowbothd_interfaces.srv import GroundTruthFlow
-from flowbothd_policy.oracle import Truth
+from flowbothd_interfaces import srv
+from sim_bridge.oracle import GroundTruthFlow
 
-TRUTH = "sim/ground_truth_flow"
+GROUND_TRUTH = "sim/ground_truth_flow"
+"""Service of bridge_node."""
 
 
-def truth_of(response: GroundTruthFlow.Response, count: int) -> Truth:
-    """The truth in the simulation's answer for a cloud of `count` points.
+def ground_truth_in(response: srv.GroundTruthFlow.Response, count: int) -> GroundTruthFlow:
+    """Return the true flow in the simulation's answer for a cloud of `count` points.
 
     Raises:
         InvalidCloudError: a refusal, or an answer for another cloud.
     """
     if not response.ok:
-        raise InvalidCloudError(f"{TRUTH} refused the cloud: {response.message}")
+        raise InvalidCloudError(f"{GROUND_TRUTH} refused the cloud: {response.message}")
     points, flows = clouds.from_flow_message(response.flows)
     if len(points) != count:
         raise InvalidCloudError("true flow of another cloud", got=len(points), allowed=count)
-    return Truth(flows, tuple(response.modes), response.open_ratio)
+    return GroundTruthFlow(flows, tuple(response.modes), response.open_ratio)
 
 
-class TruthClient:
+class GroundTruthClient:
     """Client of the simulation's ground truth.
 
     Args:
-        node: Whose executor serves the futures.
+        node: Node whose executor serves the futures.
         timeout: Longest wait for an answer, steady clock [s].
     """
 
@@ -45,8 +46,10 @@ class TruthClient:
         self._node, self._timeout = node, timeout
         # The callback that awaits the answer keeps its own group busy meanwhile.
         self._group = ReentrantCallbackGroup()
-        self._client = node.create_client(GroundTruthFlow, TRUTH, callback_group=self._group)
-        # What a service answers is part of a run's story: a bag must hold it.
+        self._client = node.create_client(
+            srv.GroundTruthFlow, GROUND_TRUTH, callback_group=self._group
+        )
+        # A replay draws the samples again from these answers: a bag must hold them.
         self._client.configure_introspection(
             node.get_clock(), qos.EVENT, ServiceIntrospectionState.CONTENTS
         )
@@ -54,11 +57,11 @@ class TruthClient:
         self._steady = Clock(clock_type=ClockType.STEADY_TIME)
 
     def ready(self) -> bool:
-        """Return True if the simulation serves the truth."""
+        """Return whether the simulation is there."""
         return bool(self._client.service_is_ready())
 
-    async def ask(self, cloud: PointCloud2, count: int) -> Truth:
-        """The true flow of a cloud of `count` points.
+    async def ask(self, cloud: PointCloud2, count: int) -> GroundTruthFlow:
+        """Return the true flow of a cloud of `count` points.
 
         Raises:
             InvalidCloudError: no answer in time, a refusal, or an answer for another cloud.
@@ -66,14 +69,14 @@ class TruthClient:
         response = await self._answer(cloud)
         if response is None:
             raise InvalidCloudError(
-                f"no answer from {TRUTH} within {self._timeout:g} s",
-                hint="is the bridge node running? without a simulation use predictor model",
+                f"no answer from {GROUND_TRUTH} within {self._timeout:g} s",
+                hint="is bridge_node running? without a simulation start inference_node instead",
             )
-        return truth_of(response, count)
+        return ground_truth_in(response, count)
 
-    async def _answer(self, cloud: PointCloud2) -> GroundTruthFlow.Response | None:
+    async def _answer(self, cloud: PointCloud2) -> srv.GroundTruthFlow.Response | None:
         answer: Future = Future(executor=self._node.executor)
-        asked = self._client.call_async(GroundTruthFlow.Request(cloud=cloud))
+        asked = self._client.call_async(srv.GroundTruthFlow.Request(cloud=cloud))
 
         def settle(result: Any) -> None:
             if not answer.done():
