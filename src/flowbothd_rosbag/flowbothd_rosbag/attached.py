@@ -11,16 +11,19 @@ from flowbothd_rosbag import about
 from flowbothd_rosbag.lookup import by_node
 from flowbothd_rosbag.metadata import BagError
 from flowbothd_rosbag.reader import Bag
+from flowbothd_rosbag.renamed import current_parameters
 
 
 def stored_parameters(bag: Bag) -> Parameters:
     """Return the parameters of the recorded graph's nodes; empty if they are not in the recording.
 
+    Their names are those of today, also in an older recording.
+
     Raises:
         BagError: they are not what the recorder writes, or those of several graphs.
     """
     found = {
-        node: flat_parameters(entry["ros__parameters"])
+        node: current_parameters(node, flat_parameters(entry["ros__parameters"]))
         for node, entry in _mapping(bag, about.PARAMETERS).items()
         if isinstance(entry, dict) and isinstance(entry.get("ros__parameters"), dict)
     }

@@ -11,6 +11,7 @@ from typing import NamedTuple, Protocol
 import zstandard
 
 from flowbothd_rosbag.metadata import FILE, BagError, Metadata, Topic, read_metadata
+from flowbothd_rosbag.renamed import current_topics
 from flowbothd_rosbag.storage_mcap import McapStorage
 from flowbothd_rosbag.storage_sqlite3 import SqliteStorage
 from flowbothd_rosbag.unpack import unpacked
@@ -82,7 +83,7 @@ class Bag:
         path: As given.
         namespace: As given.
         metadata: From metadata.yaml, or made from the files where there is none.
-        topics: By name.
+        topics: By name; names and types are those of today, also in an older recording.
 
     Raises:
         BagError: there is nothing at the path that could be a recording.
@@ -93,10 +94,13 @@ class Bag:
         self._problems: list[str] = []
         self.metadata, files = _look(path, self._problems)
         self._storages = [self._open(file) for file in files]
-        self.topics = dict(self.metadata.topics)
+        stored = dict(self.metadata.topics)
         for storage in self._storages:
             # The file knows its own topics better than a metadata.yaml written before the end.
-            self.topics |= {t.name: self._richer(t) for t in storage.topics.values()}
+            stored |= {t.name: self._richer(t) for t in storage.topics.values()}
+        current = current_topics(stored.values())
+        self.topics = {topic.name: topic for topic in current.values()}
+        self._names = {name: topic.name for name, topic in current.items()}
         if not self.topics:
             self._problems.append(f"{path} holds no topics: the recording is empty")
 
@@ -125,7 +129,7 @@ class Bag:
         result: dict[str, int] = dict.fromkeys(self.topics, 0)
         for storage in self._storages:
             for name, count in storage.counts.items():
-                result[name] = result.get(name, 0) + count
+                result[self._names[name]] += count
         return result
 
     def start(self) -> int | None:
@@ -143,7 +147,8 @@ class Bag:
             topics: Names; all if omitted.
             span: Part to read; all if omitted.
         """
-        wanted = frozenset(self.topics if topics is None else topics)
+        asked = self.topics if topics is None else frozenset(topics)
+        wanted = frozenset(name for name, current in self._names.items() if current in asked)
         streams = [storage.messages(wanted) for storage in self._storages]
         merged = heapq.merge(*streams, key=lambda entry: entry[1])
         if span is None or (span.begin <= 0 and span.end is None):
@@ -163,7 +168,7 @@ class Bag:
     def _message(self, topic: str, time: int, data: bytes) -> Message:
         if self.metadata.compression == "message":
             data = zstandard.ZstdDecompressor().decompressobj().decompress(data)
-        return Message(topic, time, data)
+        return Message(self._names[topic], time, data)
 
     def attachments(self) -> dict[str, bytes]:
         """Files that were stored with the messages, by name."""
