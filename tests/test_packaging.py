@@ -100,10 +100,11 @@ test_imports.__test__ = False
 
 
 class Declared(NamedTuple):
-    """Names that a setup.py requires, always and by extra."""
+    """What a setup.py requires, always and by extra, and the files that it installs to share."""
 
     always: frozenset[str]
     extras: dict[str, frozenset[str]]
+    shared: frozenset[str]
 
 
 @cache
@@ -121,7 +122,8 @@ def declared(package: str) -> Declared:
         if name_of(requirement) in map(normalised, PACKAGES):
             assert requirement.endswith(f"=={given['version']}"), "packages are released together"
     extras = {extra: names_of(found) for extra, found in given["extras_require"].items()}
-    return Declared(names_of(always), extras)
+    shared = frozenset(file for _, files in given["data_files"] for file in files)
+    return Declared(names_of(always), extras, shared)
 
 
 def name_of(requirement: str) -> str:
@@ -223,3 +225,19 @@ def test_the_installed_interfaces_name_the_packages_that_they_use():
     required = names_of(tomllib.loads(text)["project"]["dependencies"])
     named = keys("flowbothd_interfaces", "depend", "exec_depend")
     assert {source_of(key).distribution for key in named} == required
+
+
+def test_weights_configuration_and_launch_files_are_shared():
+    """The incident: an installed package found no weights, since only a checkout had them."""
+    found = {package: declared(package).shared for package in PACKAGES}
+    weights = {str(path.relative_to(ROOT)) for path in (ROOT / "models").glob("*/*")}
+    assert weights and weights <= found["flowbothd_model"]
+    folder = SOURCES / "flowbothd_bringup"
+    files = {str(path.relative_to(folder)) for path in folder.glob("[cl]*/*.[yp]*")}
+    assert {"config/sim.yaml", "launch/sim.launch.py"} <= files <= found["flowbothd_bringup"]
+    assert all("package.xml" in shared for shared in found.values())
+
+
+def test_the_weights_are_stored_once():
+    link = SOURCES / "flowbothd_model" / "models"
+    assert link.is_symlink() and link.resolve() == ROOT / "models"

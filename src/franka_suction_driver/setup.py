@@ -37,7 +37,16 @@ setup(
         "ruckig",
         "scipy",
     ],
-    extras_require={"test": ["sim_bridge", "pybullet", "pytest"], "panda": ["panda-python"]},
+    extras_require={
+        "test": [
+            "ros-rcl-interfaces~=2.0",
+            "ros-rosgraph-msgs~=2.0",
+            "sim_bridge",
+            "pybullet",
+            "pytest",
+        ],
+        "panda": ["panda-python"],
+    },
     entry_points={
         "console_scripts": [
             "motion_node = franka_suction_driver.motion_node:main",

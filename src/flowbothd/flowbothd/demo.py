@@ -11,7 +11,8 @@ from flowbothd.record_command import complete
 from flowbothd.report.report import write_report
 from flowbothd.up import add_run_arguments, run_options
 from flowbothd.view.view_command import save_bag
-from flowbothd_bringup.processes import NodeProcess, run_graph
+from flowbothd_bringup.node_graph import NodeProcess
+from flowbothd_bringup.processes import run_graph
 from flowbothd_bringup.sim_graph import check_object, sim_graph
 from flowbothd_common.environment import node_environment, own_domain
 from flowbothd_common.errors import FlowBotError

@@ -11,7 +11,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from flowbothd_bringup.processes import NodeProcess
 from flowbothd_common.parameter_files import Parameters, write_parameters
 
 DECIDING_NODES = {
@@ -24,6 +23,21 @@ DECIDING_NODES = {
 """Node name -> module that runs it: what is the same against a simulation and on a robot."""
 
 RECORDER = "recorder_node"
+
+
+@dataclass(frozen=True)
+class NodeProcess:
+    """One process of a graph.
+
+    Attributes:
+        name: Shown before each of its lines.
+        command: Program and arguments.
+        required: The whole graph stops when this one ends, with its exit status.
+    """
+
+    name: str
+    command: tuple[str, ...]
+    required: bool = False
 
 
 @dataclass(frozen=True)

@@ -4,24 +4,10 @@ from __future__ import annotations
 
 import shlex
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 from honcho.manager import Manager
 
-
-@dataclass(frozen=True)
-class NodeProcess:
-    """One process of a graph.
-
-    Attributes:
-        name: Shown before each of its lines.
-        command: Program and arguments.
-        required: The whole graph stops when this one ends, with its exit status.
-    """
-
-    name: str
-    command: tuple[str, ...]
-    required: bool = False
+from flowbothd_bringup.node_graph import NodeProcess
 
 
 class _Graph(Manager):

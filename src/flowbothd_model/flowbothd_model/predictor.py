@@ -19,6 +19,9 @@ from flowbothd_model.network.sampler import encode_batch, sample_flows
 MIN_POINTS = 256
 """Fewest points of a cloud, and of a history."""
 
+_SHARE = Path("share", "flowbothd_model", "models")
+"""Where an installation has the weights, below its prefix."""
+
 Flows = NDArray[np.float32]
 
 
@@ -142,14 +145,14 @@ def find_weights(path: str | Path) -> Path:
         CheckpointError: nowhere; the message lists the places.
     """
     given = Path(path)
-    here = Path(__file__).resolve()
     roots = [Path(v) for v in (os.environ.get("FLOWBOTHD_MODELS"),) if v]
-    roots += [
-        Path(prefix) / "share" / "flowbothd_model" / "models"
-        for prefix in os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
-        if prefix
-    ]
-    roots += [parent / "models" for parent in here.parents if (parent / "models").is_dir()]
+    prefixes = os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep)
+    roots += [Path(prefix) / _SHARE for prefix in prefixes if prefix]
+    package = Path(__file__).resolve().parent
+    if (package.parent / "package.xml").is_file():
+        roots.append(package.parent / "models")
+    else:
+        roots += [folder / _SHARE for folder in package.parents if (folder / _SHARE).is_dir()]
     for candidate in [given, *(root / given for root in roots)]:
         if candidate.is_file():
             return candidate

@@ -138,6 +138,19 @@ def test_weights_are_found_by_name(tmp_path, predictor, monkeypatch):
         find_weights("b")
 
 
+def test_chosen_folders_come_before_the_installation_and_the_repository(tmp_path, monkeypatch):
+    monkeypatch.delenv("FLOWBOTHD_MODELS", raising=False)
+    monkeypatch.setenv("AMENT_PREFIX_PATH", str(tmp_path / "prefix"))
+    assert tmp_path not in find_weights("compact").parents
+    share = tmp_path / "prefix" / "share" / "flowbothd_model" / "models"
+    for folder in (share, tmp_path / "chosen"):
+        (folder / "compact").mkdir(parents=True)
+        (folder / "compact" / "model.safetensors").touch()
+    assert find_weights("compact") == share / "compact" / "model.safetensors"
+    monkeypatch.setenv("FLOWBOTHD_MODELS", str(tmp_path / "chosen"))
+    assert find_weights("compact") == tmp_path / "chosen" / "compact" / "model.safetensors"
+
+
 def test_files_that_are_not_ours_say_so(tmp_path, predictor):
     path = tmp_path / "model.safetensors"
     with pytest.raises(CheckpointError, match="no weights at"):
