@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flowbothd_common.joining import leap
+from flowbothd_common.trajectory_continuity import discontinuity
 from flowbothd_common.motion import JointTrajectory, joint_order
 from flowbothd_common.types import Array
 
@@ -140,7 +140,7 @@ class TrajectoryFollower:
         """Why the first point ahead does not go on from the commanded state, or nothing."""
         present, ahead = self.sample(now), int(np.searchsorted(times, now))
         first = points[ahead]
-        return leap(
+        return discontinuity(
             self.joint_names,
             (present.positions, present.velocities),
             (first.positions, first.velocities if moving else present.velocities),

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flowbothd_common.joining import leap
+from flowbothd_common.trajectory_continuity import discontinuity
 from flowbothd_common.motion import JointTrajectory
 from sim_bridge.trajectory import TrajectoryFollower
 
@@ -134,7 +134,7 @@ def test_no_motion_within_the_limits_is_taken_for_a_leap(lead):
 
     def verdict(first):
         play = {"tolerance": 1e-9, "acceleration": acceleration}
-        return leap(("a",), (np.zeros(1), speed), (first, speed), lead, **play)
+        return discontinuity(("a",), (np.zeros(1), speed), (first, speed), lead, **play)
 
     assert verdict(furthest) == ""
     assert "a would leap by" in verdict(furthest + 0.01)
