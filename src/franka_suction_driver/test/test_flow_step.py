@@ -7,9 +7,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from flowbothd_common.motion import JointState
 from franka_suction_driver.arm.kinematics import Kinematics
 from franka_suction_driver.arm.limits import JointLimits, Violation
-from franka_suction_driver.arm.trajectory import JointState
 from franka_suction_driver.execution.flow_step import FlowStep
 from franka_suction_driver.execution.tool_follower import Rollout, ToolFollower
 from franka_suction_driver.execution.tool_motion import Bounds, Reference, ToolLine

@@ -7,13 +7,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flowbothd_common.motion import JointTrajectory
+from flowbothd_common.motion import JointState, JointTrajectory
 from flowbothd_common.transforms import unit
-from franka_suction_driver.arm.fine_check import FineSamples, fine_samples, fine_violation
 from franka_suction_driver.arm.kinematics import Kinematics
 from franka_suction_driver.arm.limits import JointLimits
-from franka_suction_driver.arm.stopping import joint_stop
-from franka_suction_driver.arm.trajectory import SAMPLE, JointState, joint_move, state_at
+from franka_suction_driver.arm.trajectory import SAMPLE, joint_move, joint_stop, state_at
+from franka_suction_driver.arm.trajectory_check import FineSamples, fine_samples, fine_violation
 from franka_suction_driver.execution.tool_follower import SlowZones, ToolFollower
 from franka_suction_driver.execution.tool_motion import Bounds, Reference, ToolLine
 from franka_suction_driver.execution.tool_path import solve_path

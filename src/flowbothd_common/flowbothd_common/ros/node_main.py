@@ -16,8 +16,8 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 
 from flowbothd_common.errors import FlowBotError
-from flowbothd_common.parent_watch import watch_parent
 from flowbothd_common.malloc_tuning import free_what_stayed, keep_freed_memory, spare_what_stays
+from flowbothd_common.parent_watch import watch_parent
 from flowbothd_common.ros.parameters import check_files, reject_unknown
 
 RCLError = rclpy_implementation.RCLError

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from flowbothd_common.motion import JointState, JointTrajectory
 from flowbothd_common.trajectory_continuity import discontinuity
-from flowbothd_common.motion import JointTrajectory
 from franka_suction_driver.arm.limits import JointLimits
-from franka_suction_driver.arm.trajectory import JointState
 
 
 def objection(

@@ -7,10 +7,15 @@ from dataclasses import replace
 import numpy as np
 
 from flowbothd_common.errors import MotionRejectedError, ParameterError
-from flowbothd_common.motion import JointTrajectory, MotionGoal, MotionReason, RobotObservation
+from flowbothd_common.motion import (
+    JointState,
+    JointTrajectory,
+    MotionGoal,
+    MotionReason,
+    RobotObservation,
+)
 from flowbothd_common.types import Array
 from franka_suction_driver.arm.kinematics import Kinematics
-from franka_suction_driver.arm.trajectory import JointState
 from franka_suction_driver.execution.lag import LagWatch
 from franka_suction_driver.execution.motion_step import Ending
 from franka_suction_driver.params import MotionParams, SafetyParams

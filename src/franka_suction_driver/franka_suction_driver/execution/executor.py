@@ -21,10 +21,10 @@ from flowbothd_common.motion import (
     RobotObservation,
 )
 from flowbothd_common.types import Array, as_cloud
-from franka_suction_driver.arm.commander import Commander
+from franka_suction_driver.arm.commanded_state import CommandedState
 from franka_suction_driver.arm.kinematics import Kinematics
 from franka_suction_driver.arm.limits import robot_limits
-from franka_suction_driver.arm.stopping import joint_stop
+from franka_suction_driver.arm.trajectory import joint_stop
 from franka_suction_driver.execution.audit import (
     AuditSink,
     NoAudit,
@@ -94,7 +94,7 @@ class MotionExecutor:
         self._factory = MotionFactory(robot, self.limits, follower, bare, params)
         self._seed = params.seed if seed is None else seed
         self._motions = 0
-        self._commander = Commander()
+        self._commanded = CommandedState()
         self._commanded_once = False
         self._running: RunningMotion | None = None
         self._recorder: Recorder | None = None
@@ -207,7 +207,7 @@ class MotionExecutor:
             self._stop_request = Ending(MotionReason.REJECTED, message)
             return
         try:
-            start = self._commander.state(observation.time)
+            start = self._commanded.state(observation.time)
             outcome = self._factory.create(prepared, observation, start)
         except MotionRejectedError as error:
             outcome = Ending(MotionReason.REJECTED, str(error))
@@ -231,7 +231,7 @@ class MotionExecutor:
             return MotionUpdate()
         observation = self._usable(observation)
         now = observation.time
-        commanded = self._commander.state(now)
+        commanded = self._commanded.state(now)
         recorder.see(observation, commanded)
         if self._running is None:
             ending = self._stop_request or Ending(MotionReason.REJECTED, "nothing to do")
@@ -278,7 +278,7 @@ class MotionExecutor:
             ending = Ending(MotionReason.STOPPED, message)
             return replace(self._finish(recorder, ending, 0.0, observation), shown=trajectory)
         if trajectory is not None:
-            self._commander.issue(trajectory, now)
+            self._commanded.issue(trajectory, now)
         if step.ending is not None:
             return self._finish(recorder, step.ending, fraction, observation, trajectory)
         return MotionUpdate(trajectory, fraction)
@@ -330,12 +330,12 @@ class MotionExecutor:
         self._recorder = self._running = self._stop_request = None
         if not self._commanded_once:
             return None
-        commanded = self._commander.state(now)
+        commanded = self._commanded.state(now)
         if not commanded.velocity.any():
             return None
         stop = joint_stop(self.robot.joint_names, commanded, self.limits)
         self._audit.write("drop", now, {"why": why, **trajectory_entry(stop)})
-        self._commander.issue(stop, now)
+        self._commanded.issue(stop, now)
         return stop
 
     def _finish(
@@ -376,11 +376,11 @@ class MotionExecutor:
         """
         measured = np.array(observation.positions, dtype=float)
         if self._commanded_once:
-            commanded = self._commander.state(observation.time)
+            commanded = self._commanded.state(observation.time)
             near = np.abs(commanded.position - measured).max() < _SAME_PLACE
             if near and not commanded.velocity.any():
-                self._commander.reset(commanded.position)
+                self._commanded.reset(commanded.position)
                 return True
         self._commanded_once = True
-        self._commander.reset(measured)
+        self._commanded.reset(measured)
         return False

@@ -6,10 +6,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from flowbothd_common.motion import MotionReason, RobotObservation
+from flowbothd_common.motion import JointState, MotionReason, RobotObservation
 from flowbothd_common.types import Array
 from franka_suction_driver.arm.kinematics import Kinematics
-from franka_suction_driver.arm.trajectory import JointState
 from franka_suction_driver.execution.motion_step import Ending, ForceFilter, Step
 from franka_suction_driver.execution.tool_follower import Rollout, ToolFollower
 from franka_suction_driver.execution.tool_motion import Reference

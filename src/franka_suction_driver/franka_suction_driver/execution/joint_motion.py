@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from flowbothd_common.motion import JointTrajectory, MotionReason, RobotObservation
+from flowbothd_common.motion import JointState, JointTrajectory, MotionReason, RobotObservation
 from franka_suction_driver.arm.limits import JointLimits
-from franka_suction_driver.arm.stopping import joint_stop
-from franka_suction_driver.arm.trajectory import JointState
+from franka_suction_driver.arm.trajectory import joint_stop
 from franka_suction_driver.execution.motion_step import Ending, ForceFilter, Step
 
 _SETTLED = 0.01

@@ -6,9 +6,8 @@ from collections import deque
 
 import numpy as np
 
-from flowbothd_common.motion import RobotObservation
+from flowbothd_common.motion import JointState, RobotObservation
 from flowbothd_common.types import Array
-from franka_suction_driver.arm.trajectory import JointState
 
 _WINDOW = 0.25
 """An arm may be late by so much [s]: trajectories and joint states travel."""

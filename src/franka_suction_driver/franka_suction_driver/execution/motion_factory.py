@@ -5,11 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from flowbothd_common.errors import MotionRejectedError
-from flowbothd_common.motion import MotionGoal, MotionKind, MotionReason, RobotObservation
+from flowbothd_common.motion import (
+    JointState,
+    MotionGoal,
+    MotionKind,
+    MotionReason,
+    RobotObservation,
+)
 from flowbothd_common.types import Array, JointArc
 from franka_suction_driver.arm.kinematics import Kinematics, TipState
 from franka_suction_driver.arm.limits import JointLimits
-from franka_suction_driver.arm.trajectory import JointState
 from franka_suction_driver.execution.flow_step import FlowStep
 from franka_suction_driver.execution.goals import (
     lagging_axis,

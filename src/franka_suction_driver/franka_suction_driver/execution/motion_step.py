@@ -8,13 +8,13 @@ from typing import Protocol
 import numpy as np
 
 from flowbothd_common.motion import (
+    JointState,
     JointTrajectory,
     MotionReason,
     MotionResult,
     RobotObservation,
 )
 from flowbothd_common.types import Array
-from franka_suction_driver.arm.trajectory import JointState
 
 
 @dataclass(frozen=True)

@@ -6,8 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from flowbothd_common.motion import MotionReason, RobotObservation
-from franka_suction_driver.arm.trajectory import JointState
+from flowbothd_common.motion import JointState, MotionReason, RobotObservation
 from franka_suction_driver.execution.motion_step import Ending, ForceFilter, Step
 from franka_suction_driver.execution.tool_follower import Rollout, ToolFollower
 from franka_suction_driver.execution.tool_motion import Bounds, Reference

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from flowbothd_common.motion import MotionKind, MotionResult, RobotObservation
+from flowbothd_common.motion import JointState, MotionKind, MotionResult, RobotObservation
 from franka_suction_driver.arm.kinematics import Kinematics
-from franka_suction_driver.arm.trajectory import JointState
 from franka_suction_driver.execution.motion_step import Ending
 
 

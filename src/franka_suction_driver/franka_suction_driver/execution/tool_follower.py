@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from flowbothd_common.motion import JointTrajectory
+from flowbothd_common.motion import JointState, JointTrajectory
 from flowbothd_common.types import Array
-from franka_suction_driver.arm.fine_check import fine_violation
 from franka_suction_driver.arm.kinematics import (
     Kinematics,
     conditioning,
@@ -17,8 +16,8 @@ from franka_suction_driver.arm.kinematics import (
     task_jacobian,
 )
 from franka_suction_driver.arm.limits import JointLimits, PositionBox, Violation
-from franka_suction_driver.arm.stopping import joint_stop
-from franka_suction_driver.arm.trajectory import JointState, sample_times
+from franka_suction_driver.arm.trajectory import joint_stop, sample_times
+from franka_suction_driver.arm.trajectory_check import fine_violation
 from franka_suction_driver.execution.tool_motion import OFFSET_BOUNDS, Bounds, Reference, ToolLine
 from franka_suction_driver.execution.tool_path import ToolPath, solve_path
 from franka_suction_driver.execution.tool_solver import ToolSolver

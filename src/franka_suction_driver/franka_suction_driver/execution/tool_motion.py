@@ -13,9 +13,10 @@ from math import cos, sin
 
 import numpy as np
 
+from flowbothd_common.motion import JointState
 from flowbothd_common.transforms import angle_between, unit
 from flowbothd_common.types import Array
-from franka_suction_driver.arm.trajectory import JointState, Profile, brake, move_to
+from franka_suction_driver.arm.trajectory import Profile, brake, move_to
 
 
 @dataclass(frozen=True)

@@ -6,10 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flowbothd_common.motion import JointTrajectory
+from flowbothd_common.motion import JointState, JointTrajectory
 from flowbothd_common.types import Array
 from franka_suction_driver.arm.limits import JointLimits, Violation
-from franka_suction_driver.arm.trajectory import JointState
 
 _PARTS = np.linspace(0.0, 1.0, 5)
 
