@@ -26,7 +26,7 @@ from franka_suction_driver.arm import trajectory
 from franka_suction_driver.arm.kinematics import make_kinematics
 from franka_suction_driver.execution import tool_path
 from franka_suction_driver.execution.executor import MotionExecutor
-from franka_suction_driver.planning import planner
+from franka_suction_driver.planning import planner, standoff
 from franka_suction_driver.planning.collision import CollisionChecker
 from franka_suction_driver.simulated import sim_motion_params
 
@@ -146,7 +146,8 @@ class _Stopwatch:
 def _watched(stopwatch: _Stopwatch) -> Iterator[None]:
     """Time IK, Ruckig and collision checks wherever planning calls them."""
     parts: tuple[tuple[str, Any, str], ...] = (
-        ("IK", planner, "solve"),
+        ("IK", standoff, "solve"),
+        ("IK", standoff, "follow"),
         ("IK", planner, "follow"),
         ("IK", tool_path, "_stepped"),
         ("Ruckig", trajectory, "_solve"),

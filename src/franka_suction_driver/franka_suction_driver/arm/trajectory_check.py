@@ -14,7 +14,7 @@ _PARTS = np.linspace(0.0, 1.0, 5)
 
 
 @dataclass(frozen=True)
-class FineSamples:
+class TrajectorySamples:
     """A trajectory as a controller commands it, sampled between its points.
 
     Attributes:
@@ -94,7 +94,7 @@ def _inside(*places: Array) -> Array:
 
 def fine_samples(
     trajectory: JointTrajectory, start: JointState, parts: Array = _PARTS
-) -> FineSamples:
+) -> TrajectorySamples:
     """Sample every interval, the first from `start` on, at `parts` (P,) of it, 0..1."""
     between = _Quintics.of(trajectory, start)
     u = parts[:, None, None]
@@ -102,7 +102,7 @@ def fine_samples(
     def rolled(values: Array) -> Array:
         return np.asarray(values.swapaxes(0, 1).reshape(-1, values.shape[-1]))
 
-    return FineSamples(
+    return TrajectorySamples(
         (_begins(trajectory) + between.h * parts).ravel(),
         rolled(between.position(u)),
         rolled(between.velocity(u)),

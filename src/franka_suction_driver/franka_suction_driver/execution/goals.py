@@ -11,7 +11,7 @@ from flowbothd_common.motion import MotionGoal, MotionKind
 from flowbothd_common.transforms import angle_between, rotation_about, unit
 from flowbothd_common.types import Array
 from franka_suction_driver.arm.kinematics import TipState
-from franka_suction_driver.execution.tool_motion import ToolLine
+from franka_suction_driver.execution.tool_reference import ToolLine
 
 _LONGEST = 0.5
 _ASIDE = np.radians(60.0)

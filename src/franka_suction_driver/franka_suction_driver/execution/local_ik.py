@@ -28,7 +28,7 @@ _GIVING_WAY = np.array([1.0, 1.0, 1.0, 0.05, 0.05])
 _DAMPING = FOLLOW_DAMPING**2 * np.eye(5)
 
 
-class ToolSolver:
+class LocalIk:
     """Finds configurations next to given ones.
 
     Args:

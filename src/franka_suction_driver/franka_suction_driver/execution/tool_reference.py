@@ -1,6 +1,6 @@
 """Straight tool motions with a sideways offset, and the joint trajectories that realise them.
 
-The reference is the sum of two jerk-limited motions, both ending at rest: along the direction,
+The reference is the sum of two jerk-limited motions, both termination at rest: along the direction,
 and an offset that admittance moves. Replacing either part therefore leaves position, velocity and
 acceleration of the whole continuous.
 """
