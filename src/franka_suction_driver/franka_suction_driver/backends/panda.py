@@ -30,8 +30,13 @@ from franka_suction_driver.backends.wrench import ExternalWrench
 
 _log = logging.getLogger(__name__)
 _POLL = 0.05
+"""Pause between two looks at the robot while something is awaited [s]."""
 _SILENT = 0.1
+"""Age of the robot's state that counts as silence [s]: states come every millisecond, and libfranka
+gives up only later."""
 _BRAKING = 2.0
+"""Longest wait for the arm to come to rest before the controller is stopped [s]: a stop within the
+limits takes well under a second."""
 # States that may end by themselves within the time of a recovery.
 _PASSING = ("kReflex", "kMove", "kAutomaticErrorRecovery")
 

@@ -20,7 +20,10 @@ from franka_suction_driver.backends.acceptance import objection
 from franka_suction_driver.backends.protocol import NOTHING_TO_RECOVER, ArmState
 
 _PATIENCE = 0.3
+"""Time that the arm may be off its command before it counts as a fault [s]: trajectories and joint
+states travel."""
 _SAME_PLACE = 0.02
+"""Joint error below which the arm has arrived [rad]: what a controller leaves at rest."""
 
 
 class TopicArm:

@@ -30,18 +30,34 @@ from franka_suction_driver.execution.tool_reference import (
 STEP = 0.04
 """Time between two points of a tool trajectory [s]."""
 _SLOWINGS = (1.0, 0.6, 0.3, 0.15)
+"""Parts of the speed to try, fastest first [-]."""
 _SHORTENINGS = 5
+"""Lengths to try before a motion counts as impossible: each costs up to four timings."""
 _SLOWEST = 0.1
+"""Least part of the speed near singularities and joint limits [-]: slower, a step would never
+end."""
 _STEP_BACK = 0.004
+"""Way that a motion is shortened by beyond what breaks a limit [m]."""
 _BRAKINGS = (1.0, 0.7, 0.5, 0.35, 0.2, 0.1)
+"""Decelerations to try, hardest first [m/s^2]."""
+_JERK_PER_BRAKING = 40.0
+"""Jerk per deceleration while braking [1/s]: full deceleration after 25 ms."""
+_BRAKING_SPEED = 0.1
+"""Speed that `Bounds` asks for [m/s]; braking has no use for it."""
 _MOST_SAMPLES = 50
+"""Points of a trajectory at most: longer motions get sparser points, so that following a reference
+stays within a few milliseconds."""
 _OFFSET_SHARE = 0.6
-# Velocities are checked at five places between two points; the worst may lie between those.
+"""Part of the joints' acceleration that sideways motion may use [-]; the rest is for the motion
+along the direction."""
 _RESERVE = 0.02
-# The powers of the slowing by which velocity, acceleration and jerk shrink; positions stay.
+"""Part of every limit that planned motions leave free [-]: velocities are checked at five places
+between two points, and the worst may lie between those."""
 _POWERS = {"position": 0, "velocity": 1, "acceleration": 2, "jerk": 3}
-# Points lie elsewhere on a slower motion: what stays this much beyond a limit will not fit.
+"""Powers of the slowing by which velocity, acceleration and jerk shrink [-]; positions stay."""
 _DOUBT = 1.1
+"""Ratio to a limit above which a slower motion is not even tried [-]: its points lie elsewhere, so
+that a smaller excess may still vanish."""
 
 
 @dataclass(frozen=True)
@@ -232,7 +248,7 @@ class CartesianPlanner:
         slowest = replace(reference)
         for hardness in _BRAKINGS:
             slowest = replace(reference)
-            slowest.halt(now, Bounds(0.1, hardness, 40.0 * hardness))
+            slowest.halt(now, Bounds(_BRAKING_SPEED, hardness, _JERK_PER_BRAKING * hardness))
             if path is None:
                 slowest.shift(now, slowest.offset_state(now).position)
                 timed = self.follow(slowest, now, start)

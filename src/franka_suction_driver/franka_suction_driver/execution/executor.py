@@ -50,7 +50,10 @@ from franka_suction_driver.planning.planner import PlannedMotion, Planner
 
 _log = logging.getLogger(__name__)
 _AT_REST = 0.05
+"""Joint speed of an arm that stands [rad/s]: above the noise of measured velocities."""
 _SAME_PLACE = 0.02
+"""Distance of a joint from its command within which the command is believed [rad]: what a
+controller leaves at rest under load."""
 
 
 def _twin(robot: Kinematics) -> Kinematics:

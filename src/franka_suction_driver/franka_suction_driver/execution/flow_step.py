@@ -15,11 +15,20 @@ from franka_suction_driver.execution.tool_reference import Reference
 from franka_suction_driver.params import FlowStepParams
 
 _REPLACE_PERIOD = 0.05
+"""Shortest time between two replacements of the trajectory [s]: each costs a few milliseconds of
+inverse kinematics."""
 _SMALLEST_SHIFT = 5e-5
+"""Offset below which the trajectory is not replaced [m]: less than the arm's repeatability."""
 _LARGEST_LEAD = 0.003
+"""Lead of the wanted offset over the present one [m]: the reference must not run on when the force
+drops."""
 _RELAX_TIME = 1.0
+"""Longest time in which force is let go after a stop [s]."""
 _MOST_RELAXING = 0.012
+"""Longest way of letting go after a stop [m]: against a door that swings back it would become a
+motion by itself."""
 _SLOWER = (0.5, 0.2)
+"""Parts of the planned speed to try where giving way makes the joints too fast [-]."""
 
 
 class FlowStep:

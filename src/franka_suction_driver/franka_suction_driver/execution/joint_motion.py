@@ -10,8 +10,11 @@ from franka_suction_driver.arm.trajectory import joint_stop
 from franka_suction_driver.execution.motion_step import ForceFilter, Step, Termination
 
 _SETTLED = 0.01
+"""Joint error at which a motion has arrived [rad]."""
 _SETTLE_TIME = 1.0
+"""Longest wait for the arm to arrive after the trajectory has ended [s]."""
 _RELEASE_TIME = 3.0
+"""Longest wait for the cup to vent before a retreat [s]: pumps take a moment to vent."""
 
 
 class JointMotion:

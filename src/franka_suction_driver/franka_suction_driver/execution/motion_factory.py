@@ -33,7 +33,12 @@ from franka_suction_driver.planning.opening_path import displacement
 from franka_suction_driver.planning.planner import PlannedMotion
 
 _ENOUGH = 0.9
+"""Part of the asked distance that makes a tool axis good enough [-]; otherwise the next is
+tried."""
 _TOUCH_DISTANCE = 0.005
+"""Way that a step stops short of a contact of the arm, and the shortest step [m]."""
+_RETREAT_GRACE = 0.5
+"""Time in which a retreating arm may still lean on what it leaves [s]."""
 
 
 @dataclass(frozen=True)
@@ -97,7 +102,7 @@ class MotionFactory:
             planned.trajectory,
             self._limits,
             self._params.approach.force_limit,
-            force_grace=0.5 if retreating else 0.0,
+            force_grace=_RETREAT_GRACE if retreating else 0.0,
             note=planned.message,
             released=retreating,
         )

@@ -13,6 +13,7 @@ from franka_suction_driver.execution.tool_reference import Bounds, Reference
 from franka_suction_driver.params import ProbeParams
 
 _SLOWINGS = (1.0, 0.7, 0.4, 0.2, 0.1)
+"""Parts of the planned speed to try for an increment, fastest first [-]."""
 
 
 class Probe:

@@ -14,8 +14,11 @@ from franka_suction_driver.execution.local_ik import LocalIk
 from franka_suction_driver.execution.tool_reference import Reference, ToolLine
 
 _SPACING = 0.003
+"""Distance of two solved poses along the line [m]."""
 _STRAIGHT = 4e-4
+"""Largest deviation of the tip from the line between two solved poses [m]."""
 _FEWEST = 8
+"""Solved poses at least, for a spline with a sound second derivative."""
 
 
 @dataclass(frozen=True)

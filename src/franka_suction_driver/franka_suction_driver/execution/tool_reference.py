@@ -33,6 +33,8 @@ class Bounds:
 
 
 OFFSET_BOUNDS = Bounds(0.08, 0.4, 6.0)
+"""Bounds of the sideways offset: fast enough to follow a door's arc at the speed of a step, slow
+enough for force control at 60 Hz."""
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ from franka_suction_driver.arm.limits import JointLimits
 from franka_suction_driver.arm.trajectory import Profile, joint_move, move_to, sample_times
 
 _DEGREE = 3
+"""Degree of the spline: cubic, so that accelerations are continuous."""
 
 
 class SmoothPath:
