@@ -18,7 +18,6 @@ from flowbothd_policy.commands import (
     Decision,
     Finish,
     Move,
-    Observe,
     Predict,
     SetSuction,
     StopMotion,
@@ -161,5 +160,5 @@ class PolicyDriver:
             self._events.extend(self._world.set_suction(command.vacuum))
         elif isinstance(command, StopMotion):
             self._world.stop()
-        elif not isinstance(command, Observe | Finish):
+        elif not isinstance(command, Finish):
             raise TypeError(f"unknown command {command!r}")
