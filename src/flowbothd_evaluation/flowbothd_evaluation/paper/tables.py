@@ -80,7 +80,7 @@ class RowNumbers:
     @property
     def title(self) -> str:
         """Return the row's title with the network behind it."""
-        return row_title(self.key, self.records[0]["weights"] if self.records else "")
+        return row_title(self.key, self.records[0].weights if self.records else "")
 
 
 def row_key(record: PaperRecord) -> RowKey:
