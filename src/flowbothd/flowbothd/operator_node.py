@@ -21,7 +21,7 @@ from std_srvs.srv import Trigger
 from flowbothd.report.collector import Collector
 from flowbothd_bringup.sim_graph import sim_nodes
 from flowbothd_common.errors import FlowBotError
-from flowbothd_common.guardian import watch_guardian
+from flowbothd_common.parent_watch import watch_parent
 from flowbothd_common.ros.liveness import PeerWatch
 from flowbothd_common.types import Outcome
 from flowbothd_evaluation.record_files import write_json
@@ -135,7 +135,7 @@ def main() -> int:
     """Run one demo as a process; 0 opened, 1 not opened, 2 the graph failed."""
     logging.basicConfig(level=logging.INFO, format="[%(levelname)s] [%(name)s]: %(message)s")
     arguments = _arguments()
-    watch_guardian()
+    watch_parent()
     record = RunRecord(arguments.object, "", arguments.seed, arguments.predictor)
     rclpy.init()
     node = Node("operator")

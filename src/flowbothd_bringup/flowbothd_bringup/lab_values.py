@@ -13,7 +13,7 @@ from flowbothd_common.errors import ParameterError
 from flowbothd_common.parameters import checked, specifications
 from flowbothd_perception.params import PerceptionNodeParams
 from flowbothd_policy.inference_params import InferenceParams
-from flowbothd_policy.policy_node_params import PolicyNodeParams
+from flowbothd_policy.params import PolicyNodeParams
 from flowbothd_rosbag.player_params import PlayerParams
 from flowbothd_rosbag.recorder_params import RecorderParams
 from franka_suction_driver.backend_params import ArmNodeParams, PumpNodeParams

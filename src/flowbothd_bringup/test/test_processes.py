@@ -111,12 +111,12 @@ def test_ctrl_c_leaves_nothing_behind_not_even_who_ignores_it():
 
 def test_a_node_follows_its_guardian_after_sigkill(tmp_path: Path):
     """The incident: a killed command line left six nodes, and the next run met them."""
-    code = "import time; from flowbothd_common.guardian import watch_guardian;"
-    code += "watch_guardian(); print('watching', flush=True); time.sleep(120)"
+    code = "import time; from flowbothd_common.parent_watch import watch_parent;"
+    code += "watch_parent(); print('watching', flush=True); time.sleep(120)"
     guardian = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(120)"])
     node = subprocess.Popen(
         [sys.executable, "-c", code],
-        env={**os.environ, "FLOWBOTHD_GUARDIAN_PID": str(guardian.pid)},
+        env={**os.environ, "FLOWBOTHD_PARENT_PID": str(guardian.pid)},
         stdout=subprocess.PIPE,
         text=True,
     )

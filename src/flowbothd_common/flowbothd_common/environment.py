@@ -7,7 +7,7 @@ import sys
 from importlib.resources import files
 
 from flowbothd_common.errors import ParameterError
-from flowbothd_common.guardian import GUARDIAN
+from flowbothd_common.parent_watch import PARENT_PID
 
 FIRST_DOMAIN, LAST_DOMAIN = 1, 101
 """Domains whose ports are free on every Linux by default."""
@@ -39,7 +39,7 @@ def node_environment(domain: int) -> dict[str, str]:
     environment["ROS_DOMAIN_ID"] = str(domain)
     environment["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     environment["PYTHONUNBUFFERED"] = "1"
-    environment[GUARDIAN] = str(os.getpid())
+    environment[PARENT_PID] = str(os.getpid())
     # Linear algebra on many small matrices gains nothing from threads, and they steal the camera's.
     for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
         environment.setdefault(name, "1")

@@ -62,6 +62,27 @@ class MotionGoal:
 
 
 @dataclass(frozen=True)
+class JointState:
+    """Motion of all joints at one instant.
+
+    Attributes:
+        position: (J,) [rad].
+        velocity: (J,) [rad/s].
+        acceleration: (J,) [rad/s^2].
+    """
+
+    position: Array
+    velocity: Array
+    acceleration: Array
+
+    @staticmethod
+    def at_rest(position: Array) -> JointState:
+        """Return the state of rest at (J,) [rad]."""
+        zero = np.zeros(len(position))
+        return JointState(np.array(position, dtype=float), zero, zero)
+
+
+@dataclass(frozen=True)
 class JointTrajectory:
     """Joint positions, velocities and accelerations over time, ending at rest.
 

@@ -16,7 +16,7 @@ from typing import BinaryIO, TypeVar
 from tqdm import tqdm
 
 from flowbothd_common.errors import ParameterError
-from flowbothd_common.guardian import GUARDIAN, watch_guardian
+from flowbothd_common.parent_watch import PARENT_PID, watch_parent
 from flowbothd_evaluation.record_files import R, from_json, read_records, to_json
 
 Work = TypeVar("Work")
@@ -119,5 +119,5 @@ def _follow(pid: int) -> None:
     """Make a worker end with the command line, which may be killed in the middle of a trial."""
     # Ctrl-C goes to all of the group; what a worker has begun it may end.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    os.environ[GUARDIAN] = str(pid)
-    watch_guardian()
+    os.environ[PARENT_PID] = str(pid)
+    watch_parent()

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flowbothd_common.motion import MotionKind
+from flowbothd_common.motion import JointState, MotionKind
 from flowbothd_evaluation.benchmarks.bench_motion import (
     _PARTS,
     _PLANNING,
@@ -23,7 +23,7 @@ from flowbothd_evaluation.benchmarks.motion_requests import (
     worst_between,
 )
 from franka_suction_driver.arm.kinematics import make_kinematics
-from franka_suction_driver.arm.trajectory import JointState, joint_move
+from franka_suction_driver.arm.trajectory import joint_move
 from franka_suction_driver.execution.executor import MotionExecutor
 from franka_suction_driver.simulated import sim_motion_params
 

@@ -11,7 +11,9 @@ from numpy.typing import NDArray
 from flowbothd_common.errors import InvalidCloudError
 
 _ROUNDS = 20
+"""Iterations of inverting the lens distortion: enough for wide-angle lenses."""
 _LARGEST = 8192
+"""Largest side of an image [pixels]: more is a damaged message."""
 
 
 @dataclass(frozen=True)

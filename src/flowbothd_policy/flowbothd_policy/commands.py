@@ -11,13 +11,6 @@ from flowbothd_common.types import Array, Cloud, History, Outcome
 
 
 @dataclass(frozen=True)
-class Observe:
-    """Wait for a cloud whose image was taken later than `after` [s, node clock]."""
-
-    after: float
-
-
-@dataclass(frozen=True)
 class Predict:
     """Sample flow fields.
 
@@ -108,4 +101,4 @@ class Decision:
     outcome: str = ""
 
 
-Command = Observe | Predict | Move | SetSuction | StopMotion | Finish | Decision
+Command = Predict | Move | SetSuction | StopMotion | Finish | Decision

@@ -32,6 +32,7 @@ from flowbothd_policy.events import (
 _PHASES = {getattr(SuctionState, phase.name): phase for phase in SuctionPhase}
 _STATES = {phase: state for state, phase in _PHASES.items()}
 _OPENED = {True: 1, False: 0, None: -1}
+"""Codes of `opened` in the message: yes, no, not said."""
 
 
 def phase_of(state: int) -> SuctionPhase:

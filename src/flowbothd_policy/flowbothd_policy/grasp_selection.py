@@ -21,8 +21,11 @@ from flowbothd_policy.params import GraspParams
 from flowbothd_policy.screw import Screw, fit_screw
 
 _DIRECTIONS = 16
+"""Directions in which the distance to the edge of the part is measured."""
 _MAX_CANDIDATES = 64
+"""Points at most whose distance to the edge is measured, which is the costly part."""
 _STILL = 1e-6
+"""Flow norm below which nothing moves [-]; flows are max-normalised."""
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,10 @@ from flowbothd_policy.params import OpeningParams
 from flowbothd_policy.screw import Screw
 
 _HINT_ERROR = 0.1
+"""Relative error of a radius that a fitted screw suggests [-]."""
 _MOVED_MEANWHILE = np.radians(15.0)
+"""Difference between the turn of the pull and that of the path from which the part has moved while
+it was not held [rad]."""
 
 
 @dataclass(frozen=True)

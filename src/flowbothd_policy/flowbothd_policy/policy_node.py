@@ -40,7 +40,7 @@ from flowbothd_policy.events import (
     WaitExpired,
 )
 from flowbothd_policy.events_ros import EventLog, phase_of
-from flowbothd_policy.policy_node_params import PolicyNodeParams
+from flowbothd_policy.params import PolicyNodeParams
 from flowbothd_policy.state import Phase, PolicyState
 from flowbothd_policy.state_machine import advance, waiting
 

@@ -10,10 +10,15 @@ from numpy.typing import NDArray
 from flowbothd_common.types import Array, Cloud, JointEstimate, JointKind
 
 _MOVING = 0.1
+"""Flow norm above which a point moves [-]; flows are max-normalised."""
 _NEIGHBOURS = 40
+"""Points of a neighbourhood that a first motion is fitted to."""
 _STARTS = 10
+"""Neighbourhoods that are tried, spread over all distances."""
 _ROUNDS = 6
+"""Refits at most until the inliers no longer change."""
 _MIN_INLIERS = 12
+"""Points at least that must move together: a twist has six numbers."""
 
 
 @dataclass(frozen=True)

@@ -1,22 +1,19 @@
-"""The policy's state between two events, and the turn that carries it over one."""
+"""State of the policy between two events."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from enum import StrEnum
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from flowbothd_common.motion import MotionGoal
 from flowbothd_common.types import Array, Outcome, SuctionPhase
-from flowbothd_policy.commands import Command, Decision, Move, SetSuction
 from flowbothd_policy.events import CloudArrived
 from flowbothd_policy.grasp_selection import Grasp, Place
 from flowbothd_policy.history import Memory
-from flowbothd_policy.opening import Opening, Travel, judge_opening
-from flowbothd_policy.params import PolicyParams
+from flowbothd_policy.opening import Travel
 
 
 class Phase(StrEnum):
@@ -144,80 +141,3 @@ class PolicyState:
     asking_again: bool = False
     halting: bool = False
     tool_motion: Array = field(default_factory=lambda: np.zeros(3))
-
-
-class Turn:
-    """One transition under construction: the state so far, and the commands in order.
-
-    Attributes:
-        state: As it will be after the event.
-        params: The policy's parameters.
-        event: Name of the event.
-        now: Node clock [s].
-        commands: What has been asked for so far.
-        updated: Whether the history was updated by this event.
-    """
-
-    def __init__(self, state: PolicyState, params: PolicyParams, event: str, now: float) -> None:
-        self.state = state
-        self.params = params
-        self.event = event
-        self.now = now
-        self.commands: list[Command] = []
-        self.updated = False
-
-    def set(self, **changes: Any) -> None:
-        """Replace fields of the state."""
-        self.state = replace(self.state, **changes)
-
-    def do(self, command: Command) -> None:
-        """Ask for something."""
-        self.commands.append(command)
-
-    def move(self, goal: MotionGoal, phase: Phase) -> None:
-        """Ask for a motion and wait for its result in `phase`."""
-        self.set(phase=phase, goal=goal, asking_again=False)
-        self.do(Move(goal))
-
-    def pump(self, vacuum: float) -> None:
-        """Ask the pump for a vacuum [Pa]; 0 = release."""
-        self.set(pump_on=vacuum > 0)
-        self.do(SetSuction(vacuum))
-
-    @property
-    def opening(self) -> Opening:
-        """Opening of the part, estimated from the path of the tool."""
-        return judge_opening(self.state.travel, self.params.opening)
-
-    def say(self, decision: str, reason: str, *, switched: bool = False) -> None:
-        """Record what was decided; to be called once the state is as it will be."""
-        state = self.state
-        choice = state.choice
-        ended = state.phase is Phase.FINISHED and state.ending is not None
-        used = {}
-        if choice is not None:
-            used = {
-                "prediction_stamp": choice.stamp,
-                "chosen_sample": choice.sample,
-                "grasp_point": choice.grasp.point,
-                "flow": choice.grasp.flow,
-            }
-        record = Decision(
-            sequence=state.sequence,
-            time=self.now,
-            state=state.phase.value,
-            event=self.event,
-            decision=decision,
-            reason=reason,
-            step=state.step,
-            grasps=state.grasps,
-            trials=state.trials,
-            tool_motion=state.tool_motion,
-            history_updated=self.updated,
-            grasp_switched=switched,
-            opening=self.opening.share,
-            outcome=state.ending[0].value if ended and state.ending else "",
-            **used,  # type: ignore[arg-type]
-        )
-        self.set(sequence=state.sequence + 1)
-        self.do(record)

@@ -13,7 +13,6 @@ from typing import Any
 
 from flowbothd_common.motion import MotionKind, MotionReason
 from flowbothd_common.types import Outcome, SuctionPhase
-from flowbothd_policy import attempts, choosing, motions
 from flowbothd_policy.commands import Command, StopMotion
 from flowbothd_policy.events import (
     NAMES,
@@ -30,7 +29,9 @@ from flowbothd_policy.events import (
     WaitExpired,
 )
 from flowbothd_policy.params import PolicyParams
-from flowbothd_policy.state import Phase, PolicyState, Turn
+from flowbothd_policy.state import Phase, PolicyState
+from flowbothd_policy.transitions import attempt, motion_result, selection
+from flowbothd_policy.transitions.transition import Transition
 
 MOVING = (Phase.APPROACHING, Phase.PROBING, Phase.STEPPING, Phase.RETREATING)
 """Phases in which the arm moves."""
@@ -54,9 +55,9 @@ def advance(
     Returns:
         The new state, and the commands to carry out in order, decisions among them.
     """
-    turn = Turn(state, params, NAMES[type(event)], now)
-    _HANDLERS[type(event)](turn, event)
-    return turn.state, tuple(turn.commands)
+    transition = Transition(state, params, NAMES[type(event)], now)
+    _HANDLERS[type(event)](transition, event)
+    return transition.state, tuple(transition.commands)
 
 
 def waiting(state: PolicyState, params: PolicyParams) -> tuple[str, float] | None:
@@ -75,179 +76,180 @@ def waiting(state: PolicyState, params: PolicyParams) -> tuple[str, float] | Non
     }.get(state.phase)
 
 
-def _on_start(turn: Turn, event: Start) -> None:
-    if turn.state.phase not in _AT_REST:
+def _on_start(transition: Transition, event: Start) -> None:
+    if transition.state.phase not in _AT_REST:
         return
-    turn.state = PolicyState(suction=turn.state.suction)
-    if turn.params.retreat_first:
-        turn.set(away=True)
-        attempts.retreat(turn, "the run begins; to the start pose first")
+    transition.state = PolicyState(suction=transition.state.suction)
+    if transition.params.retreat_first:
+        transition.set(away=True)
+        attempt.retreat(transition, "the run begins; to the start pose first")
     else:
-        attempts.observe(turn, "the run begins")
+        attempt.observe(transition, "the run begins")
 
 
-def _on_cloud(turn: Turn, event: CloudArrived) -> None:
-    state = turn.state
+def _on_cloud(transition: Transition, event: CloudArrived) -> None:
+    state = transition.state
     if state.phase is not Phase.OBSERVING or event.stamp <= state.observe_after:
         return
     count = len(event.points)
-    if count < turn.params.min_points:
+    if count < transition.params.min_points:
         if state.few_points < 0:
-            turn.set(few_points=count)
-            turn.say("wait", f"only {count} points of the object are visible")
-        turn.set(few_points=count)
+            transition.set(few_points=count)
+            transition.say("wait", f"only {count} points of the object are visible")
+        transition.set(few_points=count)
         return
-    choosing.ask(turn, event, f"{count} points of the object are visible")
+    selection.ask(transition, event, f"{count} points of the object are visible")
 
 
-def _on_prediction(turn: Turn, event: PredictionArrived) -> None:
-    observation = turn.state.observation
-    if turn.state.phase is not Phase.PREDICTING or observation is None:
+def _on_prediction(transition: Transition, event: PredictionArrived) -> None:
+    observation = transition.state.observation
+    if transition.state.phase is not Phase.PREDICTING or observation is None:
         return
     if event.stamp != observation.stamp:
         return
-    turn.set(prediction_failures=0)
-    choosing.choose(turn, event, observation)
+    transition.set(prediction_failures=0)
+    selection.choose(transition, event, observation)
 
 
-def _on_prediction_failed(turn: Turn, event: PredictionFailed) -> None:
-    state = turn.state
+def _on_prediction_failed(transition: Transition, event: PredictionFailed) -> None:
+    state = transition.state
     if state.phase is not Phase.PREDICTING or state.observation is None:
         return
     count = state.prediction_failures + 1
-    turn.set(prediction_failures=count)
-    if count >= turn.params.max_prediction_failures:
+    transition.set(prediction_failures=count)
+    if count >= transition.params.max_prediction_failures:
         reason = f"prediction failed {count} times: {event.message}"
-        attempts.end(turn, Outcome.ERROR, reason)
+        attempt.end(transition, Outcome.ERROR, reason)
     else:
-        attempts.observe(turn, f"prediction failed: {event.message}")
+        attempt.observe(transition, f"prediction failed: {event.message}")
 
 
-def _on_motion(turn: Turn, event: MotionFinished) -> None:
+def _on_motion(transition: Transition, event: MotionFinished) -> None:
     result = event.result
-    if turn.state.phase is not Phase.PAUSED:
-        motions.finished(turn, result)
+    if transition.state.phase is not Phase.PAUSED:
+        motion_result.finished(transition, result)
         return
     # The motion that the pause stopped: what it moved counts, how it ended does not.
-    turn.set(tool=result.tool_end[:3, 3].astype(float), halting=False)
+    transition.set(tool=result.tool_end[:3, 3].astype(float), halting=False)
     if result.kind is MotionKind.FLOW_STEP:
-        motions.account(turn, result)
+        motion_result.account(transition, result)
     elif result.kind is MotionKind.PROBE and result.vacuum:
-        turn.set(attached=True, held=True)
+        transition.set(attached=True, held=True)
     elif result.kind is MotionKind.RETREAT and result.reason is MotionReason.REACHED:
-        turn.set(away=False)
-    if not turn.state.lost:
-        attempts.recover(turn, "everything is back and the arm at rest", "resume")
+        transition.set(away=False)
+    if not transition.state.lost:
+        attempt.recover(transition, "everything is back and the arm at rest", "resume")
 
 
-def _on_suction(turn: Turn, event: SuctionChanged) -> None:
-    turn.set(suction=event.phase)
-    state = turn.state
+def _on_suction(transition: Transition, event: SuctionChanged) -> None:
+    transition.set(suction=event.phase)
+    state = transition.state
     if state.phase is Phase.RELEASING and event.phase is SuctionPhase.OFF:
-        attempts.retreat(turn, "the cup has let go")
+        attempt.retreat(transition, "the cup has let go")
     elif event.phase is SuctionPhase.FAULT and state.phase not in (*_AT_REST, Phase.PAUSED):
-        _stop_if_moving(turn)
-        attempts.finish(turn, Outcome.ERROR, f"pump fault: {event.message or 'no further detail'}")
+        _stop_if_moving(transition)
+        attempt.finish(
+            transition, Outcome.ERROR, f"pump fault: {event.message or 'no further detail'}"
+        )
     elif (
         state.attached
         and event.phase is not SuctionPhase.HOLDING
         and state.phase in (Phase.OBSERVING, Phase.PREDICTING)
     ):
-        attempts.fail(turn, "the part came off between two steps")
+        attempt.fail(transition, "the part came off between two steps")
 
 
-def _on_inputs_lost(turn: Turn, event: InputsLost) -> None:
-    state = turn.state
+def _on_inputs_lost(transition: Transition, event: InputsLost) -> None:
+    state = transition.state
     if state.phase in _AT_REST:
         return
     names = ", ".join(event.names)
     if state.phase in MOVING and not state.asking_again:
-        turn.set(halting=True)
-    turn.set(asking_again=False)
-    _stop_if_moving(turn)
-    if turn.params.on_inputs_lost == "abort":
-        attempts.finish(turn, Outcome.ABORTED, f"missing: {names}")
+        transition.set(halting=True)
+    transition.set(asking_again=False)
+    _stop_if_moving(transition)
+    if transition.params.on_inputs_lost == "abort":
+        attempt.finish(transition, Outcome.ABORTED, f"missing: {names}")
         return
-    turn.set(phase=Phase.PAUSED, lost=event.names)
-    turn.say("pause", f"missing: {names}")
+    transition.set(phase=Phase.PAUSED, lost=event.names)
+    transition.say("pause", f"missing: {names}")
 
 
-def _on_inputs_back(turn: Turn, event: InputsBack) -> None:
-    if turn.state.phase is not Phase.PAUSED:
+def _on_inputs_back(transition: Transition, event: InputsBack) -> None:
+    if transition.state.phase is not Phase.PAUSED:
         return
-    names = ", ".join(turn.state.lost)
-    turn.set(lost=())
-    if turn.state.halting:
+    names = ", ".join(transition.state.lost)
+    transition.set(lost=())
+    if transition.state.halting:
         # Another motion would be refused while the last one still comes to rest.
-        turn.say("wait", f"back again: {names}; waiting for the arm to come to rest")
+        transition.say("wait", f"back again: {names}; waiting for the arm to come to rest")
     else:
-        attempts.recover(turn, f"back again: {names}", "resume")
+        attempt.recover(transition, f"back again: {names}", "resume")
 
 
-def _on_operator_stop(turn: Turn, event: OperatorStop) -> None:
-    state = turn.state
+def _on_operator_stop(transition: Transition, event: OperatorStop) -> None:
+    state = transition.state
     if state.phase in _AT_REST:
         return
-    _stop_if_moving(turn)
+    _stop_if_moving(transition)
     if state.pump_on:
-        turn.pump(0.0)
+        transition.pump(0.0)
     if state.ending is not None:
-        attempts.finish(turn, *state.ending)
+        attempt.finish(transition, *state.ending)
         return
-    enough = turn.opening.share >= turn.params.opening.stall_fraction
+    enough = transition.opening.share >= transition.params.opening.stall_fraction
     opened = enough if event.opened is None else event.opened
     outcome = Outcome.OPENED if opened else Outcome.ABORTED
-    attempts.finish(turn, outcome, f"stopped from outside: {event.reason}")
+    attempt.finish(transition, outcome, f"stopped from outside: {event.reason}")
 
 
-def _on_wait_expired(turn: Turn, event: WaitExpired) -> None:
-    state, params = turn.state, turn.params
+def _on_wait_expired(transition: Transition, event: WaitExpired) -> None:
+    state, params = transition.state, transition.params
     wait = waiting(state, params)
     if wait is None:
         return
     late = f"waited {wait[1]:g} s for {wait[0]}"
     if state.asking_again:
-        motions.ask_again(turn)
+        motion_result.ask_again(transition)
     elif state.phase is Phase.OBSERVING:
-        _not_seen(turn, late)
+        _not_seen(transition, late)
     elif state.phase is Phase.PREDICTING:
-        _on_prediction_failed(turn, PredictionFailed(late))
+        _on_prediction_failed(transition, PredictionFailed(late))
     elif state.phase is Phase.RELEASING:
-        attempts.retreat(turn, f"{late}; going on without")
+        attempt.retreat(transition, f"{late}; going on without")
     elif state.phase is Phase.PAUSED and not state.lost:
         # A motion node that was restarted knows nothing of the motion that it should end.
-        turn.set(halting=False)
-        attempts.recover(turn, f"{late}; going on", "resume")
+        transition.set(halting=False)
+        attempt.recover(transition, f"{late}; going on", "resume")
     elif state.phase is Phase.PAUSED:
         if state.pump_on:
-            turn.pump(0.0)
-        attempts.finish(turn, Outcome.ABORTED, late)
+            transition.pump(0.0)
+        attempt.finish(transition, Outcome.ABORTED, late)
     else:
-        turn.do(StopMotion())
+        transition.do(StopMotion())
         if state.pump_on:
-            turn.pump(0.0)
-        attempts.finish(turn, Outcome.ERROR, late)
+            transition.pump(0.0)
+        attempt.finish(transition, Outcome.ERROR, late)
 
 
-def _not_seen(turn: Turn, late: str) -> None:
-    state = turn.state
+def _not_seen(transition: Transition, late: str) -> None:
+    state = transition.state
     reason = late
     if state.few_points >= 0:
-        reason += (
-            f"; the last one had {state.few_points} points, of {turn.params.min_points} needed"
-        )
+        needed = transition.params.min_points
+        reason += f"; the last one had {state.few_points} points, of {needed} needed"
     if state.attached:
-        attempts.fail(turn, f"{reason}, while the part was held")
+        attempt.fail(transition, f"{reason}, while the part was held")
     else:
-        attempts.end(turn, Outcome.NOT_VISIBLE, reason)
+        attempt.end(transition, Outcome.NOT_VISIBLE, reason)
 
 
-def _stop_if_moving(turn: Turn) -> None:
-    if turn.state.phase in MOVING:
-        turn.do(StopMotion())
+def _stop_if_moving(transition: Transition) -> None:
+    if transition.state.phase in MOVING:
+        transition.do(StopMotion())
 
 
-_HANDLERS: dict[type, Callable[[Turn, Any], None]] = {
+_HANDLERS: dict[type, Callable[[Transition, Any], None]] = {
     Start: _on_start,
     CloudArrived: _on_cloud,
     PredictionArrived: _on_prediction,

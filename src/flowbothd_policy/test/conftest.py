@@ -14,7 +14,6 @@ from flowbothd_policy.commands import (
     Decision,
     Finish,
     Move,
-    Observe,
     Predict,
     SetSuction,
     StopMotion,
@@ -27,7 +26,7 @@ from flowbothd_policy.events import (
     SuctionChanged,
 )
 from flowbothd_policy.params import PolicyParams
-from flowbothd_policy.state import PolicyState
+from flowbothd_policy.state import Phase, PolicyState
 from flowbothd_policy.state_machine import advance
 from sim_bridge.oracle import GroundTruthFlow, OracleParams, OraclePredictor
 
@@ -198,8 +197,6 @@ def run_policy(door: Door, params: PolicyParams, oracle: OracleParams) -> Run:
         for command in commands:
             if isinstance(command, Decision):
                 decisions.append(command)
-            elif isinstance(command, Observe):
-                queue.append(CloudArrived(door.observe(), now + 0.05))
             elif isinstance(command, Predict):
                 flows = predictor.sample(
                     command.points, command.history, command.samples, seed=command.seed
@@ -220,6 +217,8 @@ def run_policy(door: Door, params: PolicyParams, oracle: OracleParams) -> Run:
                 pytest.fail("nothing stops the arm in this world")
             elif isinstance(command, Finish):
                 return Run(state, decisions, command, goals, events)
+        if not queue and state.phase is Phase.OBSERVING:
+            queue.append(CloudArrived(door.observe(), now + 0.05))
     raise AssertionError(f"the policy did not end; last: {decisions[-5:]}")
 
 

@@ -8,12 +8,10 @@ import pytest
 from flowbothd_common.motion import MotionKind, MotionReason, MotionResult
 from flowbothd_common.transforms import rotation_from_rpy, transform
 from flowbothd_common.types import Outcome, SuctionPhase
-from flowbothd_policy.choosing import sample_seed
 from flowbothd_policy.commands import (
     Decision,
     Finish,
     Move,
-    Observe,
     Predict,
     SetSuction,
     StopMotion,
@@ -33,6 +31,7 @@ from flowbothd_policy.events import (
 from flowbothd_policy.params import GraspParams, PolicyParams
 from flowbothd_policy.state import Phase, PolicyState
 from flowbothd_policy.state_machine import advance, waiting
+from flowbothd_policy.transitions.selection import sample_seed
 
 PARAMS = PolicyParams(
     grasp=GraspParams(edge_margin=0.0, direction="flow", normal_angle=0.0), compliance=0.0
@@ -244,7 +243,8 @@ def test_everything_that_is_waited_for_has_a_limit(phase):
 
 def test_the_order_of_a_first_step():
     player = Player().feed(Start())
-    assert player.only(Observe)[0].after == player.now
+    assert player.state.phase is Phase.OBSERVING
+    assert player.state.observe_after == player.now
     stamp = player.now + 0.1
     player.feed(cloud(stamp))
     predict = player.only(Predict)[0]

@@ -22,6 +22,7 @@ from franka_suction_driver.backends.mock import MockLibrary
 from franka_suction_driver.backends.protocol import PumpBackend
 
 _RETRY = 5.0
+"""Pause between two attempts to connect [s]: one may block for seconds."""
 
 
 class PumpNode(Node):

@@ -9,11 +9,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from flowbothd_common.motion import JointTrajectory, MotionGoal, MotionResult, RobotObservation
+from flowbothd_common.motion import (
+    JointState,
+    JointTrajectory,
+    MotionGoal,
+    MotionResult,
+    RobotObservation,
+)
 from flowbothd_common.parameters import build
 from franka_suction_driver.arm.kinematics import Kinematics, make_kinematics
 from franka_suction_driver.arm.limits import JointLimits, limits_from
-from franka_suction_driver.arm.trajectory import JointState, joint_move, state_at
+from franka_suction_driver.arm.trajectory import joint_move, state_at
 from franka_suction_driver.backend_params import PandaParams
 from franka_suction_driver.backends.mock import MockLibrary, MockRobot
 from franka_suction_driver.backends.panda import PandaArm

@@ -80,6 +80,36 @@ def test_boxes_can_be_moved(checker: CollisionChecker, robot: Kinematics) -> Non
         checker.move_box("box", np.eye(4))
 
 
+def test_a_failure_within_another_scene_leaves_the_scene_as_it_was(
+    checker: CollisionChecker, robot: Kinematics
+) -> None:
+    """The incident: an exception while planning left the swinging part and a wide margin behind."""
+    crate = Box("crate", (0.1, 0.1, 0.1), at(*robot.tip(START).position))
+    usual = checker.scene_margin
+    with (
+        pytest.raises(ParameterError),
+        checker.with_boxes([crate]),
+        checker.with_scene_margin(0.2),
+    ):
+        assert checker.scene_margin == 0.2
+        assert not checker.free(START)
+        checker.move_box("box", np.eye(4))
+    assert checker.scene_margin == usual
+    assert checker.free(START)
+
+
+def test_a_margin_outlasts_a_change_of_the_scene(checker: CollisionChecker) -> None:
+    """The incident: setting points brought the usual margin back within a wider one."""
+    far = Box("crate", (0.1, 0.1, 0.1), at(0.0, 0.9, 0.5))
+    with checker.with_boxes([far]):
+        assert checker.free(START)
+        with checker.with_scene_margin(1.0):
+            assert not checker.free(START)
+            checker.set_points(None)
+            assert not checker.free(START)
+        assert checker.free(START)
+
+
 def test_path_checks_find_the_first_touch(checker: CollisionChecker) -> None:
     path = np.linspace(START, INTO_TABLE, 30)
     free = checker.free_count(path)

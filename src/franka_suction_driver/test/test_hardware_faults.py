@@ -55,8 +55,9 @@ def make_operator() -> Any:
 
 
 def trajectory(start: np.ndarray, by: float, limits: Any, names: Any) -> Any:
+    from flowbothd_common.motion import JointState
     from flowbothd_common.ros.conversions import to_trajectory
-    from franka_suction_driver.arm.trajectory import JointState, joint_move
+    from franka_suction_driver.arm.trajectory import joint_move
 
     return to_trajectory(joint_move(names, JointState.at_rest(start), start + by, limits))
 

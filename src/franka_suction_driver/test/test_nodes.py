@@ -23,9 +23,9 @@ def make_bridge() -> Any:
     from std_msgs.msg import Header, String
     from trajectory_msgs.msg import JointTrajectory
 
+    from flowbothd_common.motion import JointState as State
     from flowbothd_common.ros import qos
     from flowbothd_interfaces.msg import SuctionCommand, SuctionMeasurement, SuctionState
-    from franka_suction_driver.arm.trajectory import JointState as State
     from franka_suction_driver.arm.trajectory import state_at
     from franka_suction_driver.params import MotionParams
 

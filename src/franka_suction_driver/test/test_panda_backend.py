@@ -16,9 +16,10 @@ import numpy as np
 import pytest
 
 from flowbothd_common.errors import ParameterError
+from flowbothd_common.motion import JointState
 from franka_suction_driver.arm.kinematics import Kinematics
 from franka_suction_driver.arm.limits import JointLimits
-from franka_suction_driver.arm.trajectory import JointState, joint_move
+from franka_suction_driver.arm.trajectory import joint_move
 from franka_suction_driver.backend_params import PandaParams
 from franka_suction_driver.backends.library import INSTALL, load_panda_py
 from franka_suction_driver.backends.mock import START, MockLibrary, MockRobot

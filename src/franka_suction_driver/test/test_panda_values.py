@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from franka_suction_driver.arm.trajectory import JointState
+from flowbothd_common.motion import JointState
 from franka_suction_driver.backends.panda_link import PandaLink
 from franka_suction_driver.backends.protocol import BackendError
 

@@ -16,14 +16,14 @@ from franka_suction_driver.arm.kinematics import Kinematics
 from franka_suction_driver.arm.limits import JointLimits
 from franka_suction_driver.params import MotionParams
 from franka_suction_driver.planning.collision import CollisionChecker, Margins
-from franka_suction_driver.planning.continuation import (
+from franka_suction_driver.planning.departure import TOOL_LINKS
+from franka_suction_driver.planning.opening_path import (
     PlateExtent,
     displacement,
     moving_part,
     opening_poses,
     plate_extent,
 )
-from franka_suction_driver.planning.escape import TOOL_LINKS
 from franka_suction_driver.planning.planner import PlannedMotion, Planner
 
 START = np.array(MotionParams().robot.start_positions)

@@ -7,17 +7,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flowbothd_common.motion import JointTrajectory
+from flowbothd_common.motion import JointState, JointTrajectory
 from flowbothd_common.transforms import unit
-from franka_suction_driver.arm.fine_check import FineSamples, fine_samples, fine_violation
 from franka_suction_driver.arm.kinematics import Kinematics
 from franka_suction_driver.arm.limits import JointLimits
-from franka_suction_driver.arm.stopping import joint_stop
-from franka_suction_driver.arm.trajectory import SAMPLE, JointState, joint_move, state_at
-from franka_suction_driver.execution.tool_follower import SlowZones, ToolFollower
-from franka_suction_driver.execution.tool_motion import Bounds, Reference, ToolLine
+from franka_suction_driver.arm.trajectory import SAMPLE, joint_move, joint_stop, state_at
+from franka_suction_driver.arm.trajectory_check import (
+    TrajectorySamples,
+    fine_samples,
+    fine_violation,
+)
+from franka_suction_driver.execution.cartesian_planner import CartesianPlanner, SlowZones
+from franka_suction_driver.execution.local_ik import LocalIk
 from franka_suction_driver.execution.tool_path import solve_path
-from franka_suction_driver.execution.tool_solver import ToolSolver
+from franka_suction_driver.execution.tool_reference import Bounds, Reference, ToolLine
 from franka_suction_driver.planning.inverse_kinematics import follow, solve
 
 FORWARD = np.array([1.0, 0, 0])
@@ -40,7 +43,7 @@ def test_the_quick_solver_goes_where_the_batch_solver_goes(
     robot: Kinematics, limits: JointLimits, facing: np.ndarray
 ) -> None:
     box = limits.box(0.05)
-    solver = ToolSolver(robot, box, 0.2)
+    solver = LocalIk(robot, box, 0.2)
     tip = robot.tip(facing)
     goal = tip.position - 0.004 * FORWARD + np.array([0, 0.002, 0])
     quick = solver.reach(facing, goal, tip.axis)
@@ -54,24 +57,24 @@ def test_the_quick_solver_goes_where_the_batch_solver_goes(
 def test_a_pose_out_of_reach_is_none_and_never_leaves_the_box(
     robot: Kinematics, limits: JointLimits, facing: np.ndarray
 ) -> None:
-    solver = ToolSolver(robot, limits.box(0.05), 0.2)
+    solver = LocalIk(robot, limits.box(0.05), 0.2)
     assert solver.reach(facing, np.array([2.0, 0, 0.5]), FORWARD) is None
 
 
 def test_a_path_keeps_to_its_line_between_the_nodes_too(
     robot: Kinematics, limits: JointLimits, facing: np.ndarray
 ) -> None:
-    solver = ToolSolver(robot, limits.box(0.05), 0.2)
-    follower = ToolFollower(robot, limits, limits.box(0.05), 0.2)
+    solver = LocalIk(robot, limits.box(0.05), 0.2)
+    planner = CartesianPlanner(robot, limits, limits.box(0.05), 0.2)
     line = line_from(robot, facing, -FORWARD, 0.12)
     path = solve_path(line, facing, solver)
     assert path.length == pytest.approx(0.12)
-    _, rollout = follower.plan(line, Bounds(0.08), JointState.at_rest(facing))
-    assert rollout.trajectory is not None
+    _, timed = planner.plan(line, Bounds(0.08), JointState.at_rest(facing))
+    assert timed.trajectory is not None
     start = JointState.at_rest(facing)
-    times = np.arange(0.0, float(rollout.trajectory.times[-1]), 0.004)
+    times = np.arange(0.0, float(timed.trajectory.times[-1]), 0.004)
     tips = np.array(
-        [robot.tip(state_at(rollout.trajectory, start, t).position).position for t in times]
+        [robot.tip(state_at(timed.trajectory, start, t).position).position for t in times]
     )
     assert np.abs((tips - line.origin)[:, 1:]).max() < 5e-4
 
@@ -79,7 +82,7 @@ def test_a_path_keeps_to_its_line_between_the_nodes_too(
 def test_a_path_cut_short_keeps_to_its_line_as_well(robot: Kinematics, limits: JointLimits) -> None:
     """A spline through the first nodes alone left the line by 1 mm where the joints bend."""
     box = limits.box(0.05)
-    solver = ToolSolver(robot, box, 0.2)
+    solver = LocalIk(robot, box, 0.2)
     rng = np.random.default_rng(3)
     cut, worst = 0, 0.0
     for _ in range(150):
@@ -103,12 +106,12 @@ def test_a_path_cut_short_keeps_to_its_line_as_well(robot: Kinematics, limits: J
 def test_a_path_that_cannot_be_followed_ends_with_the_joint_that_ends_it(
     robot: Kinematics, limits: JointLimits, facing: np.ndarray
 ) -> None:
-    follower = ToolFollower(robot, limits, limits.box(0.05), 0.2)
+    planner = CartesianPlanner(robot, limits, limits.box(0.05), 0.2)
     line = line_from(robot, facing, FORWARD, 0.5)
-    _, rollout = follower.plan(line, Bounds(0.04), JointState.at_rest(facing))
-    assert rollout.problem in ("joint_limit", "singularity")
-    assert rollout.detail
-    assert 0.05 < rollout.travel < 0.5
+    _, timed = planner.plan(line, Bounds(0.04), JointState.at_rest(facing))
+    assert timed.problem in ("joint_limit", "singularity")
+    assert timed.detail
+    assert 0.05 < timed.travel < 0.5
 
 
 def test_the_tool_slows_down_near_a_singularity_and_near_joint_limits(
@@ -119,9 +122,9 @@ def test_the_tool_slows_down_near_a_singularity_and_near_joint_limits(
     start = JointState.at_rest(facing)
 
     def planned(zones: SlowZones) -> tuple[float, float]:
-        _, rollout = ToolFollower(robot, limits, box, 0.2, zones).plan(line, Bounds(0.04), start)
-        assert rollout.trajectory is not None
-        return rollout.slowing, float(rollout.trajectory.times[-1])
+        _, timed = CartesianPlanner(robot, limits, box, 0.2, zones).plan(line, Bounds(0.04), start)
+        assert timed.trajectory is not None
+        return timed.slowing, float(timed.trajectory.times[-1])
 
     free = planned(SlowZones(0.0, 0.0))
     assert free[0] == 1.0
@@ -174,7 +177,7 @@ def test_extremes_between_two_points_are_found_exactly(
     rng = np.random.default_rng(1)
     missed = 0.0
 
-    def worst(samples: FineSamples) -> float:
+    def worst(samples: TrajectorySamples) -> float:
         parts = (
             (samples.velocities, limits.velocity),
             (samples.accelerations, limits.acceleration),

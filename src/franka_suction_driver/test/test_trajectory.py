@@ -6,14 +6,13 @@ import numpy as np
 import pytest
 
 from flowbothd_common.errors import ParameterError
-from flowbothd_common.motion import JointTrajectory
-from franka_suction_driver.arm.commander import Commander
+from flowbothd_common.motion import JointState, JointTrajectory
+from franka_suction_driver.arm.commanded_state import CommandedState
 from franka_suction_driver.arm.kinematics import Kinematics
 from franka_suction_driver.arm.limits import JointLimits, limits_from
-from franka_suction_driver.arm.stopping import joint_stop
 from franka_suction_driver.arm.trajectory import (
-    JointState,
     joint_move,
+    joint_stop,
     quintic,
     sample_times,
     state_at,
@@ -70,28 +69,28 @@ def test_replacement_is_continuous_and_stop_comes_to_rest(limits: JointLimits) -
     box = limits.box(0.3)
     for _ in range(100):
         start, goal, other = box.sample(rng, 3)
-        commander = Commander()
-        commander.reset(start)
+        commanded_state = CommandedState()
+        commanded_state.reset(start)
         first = joint_move(NAMES, JointState.at_rest(start), goal, limits)
-        commander.issue(first, 10.0)
+        commanded_state.issue(first, 10.0)
         when = 10.0 + float(rng.uniform(0, first.times[-1]))
-        before = commander.state(when)
+        before = commanded_state.state(when)
         if rng.random() < 0.5:
             second = joint_stop(NAMES, before, limits)
         else:
             second = joint_move(NAMES, before, other, limits)
         assert_well_formed(second)
-        commander.issue(second, when)
-        after = commander.state(when)
+        commanded_state.issue(second, when)
+        after = commanded_state.state(when)
         np.testing.assert_allclose(after.position, before.position, atol=1e-12)
         np.testing.assert_allclose(after.velocity, before.velocity, atol=1e-12)
         np.testing.assert_allclose(after.acceleration, before.acceleration, atol=1e-9)
         # Just after the change nothing has jumped either.
-        later = commander.state(when + 1e-4)
+        later = commanded_state.state(when + 1e-4)
         assert np.abs(later.velocity - before.velocity).max() < 1e-2
-        end = commander.state(when + float(second.times[-1]) + 1)
+        end = commanded_state.state(when + float(second.times[-1]) + 1)
         assert not end.velocity.any()
-        assert commander.finished(when + float(second.times[-1]) + 1e-6)
+        assert commanded_state.finished(when + float(second.times[-1]) + 1e-6)
 
 
 def test_interpolation_reproduces_the_points(limits: JointLimits) -> None:
@@ -172,6 +171,6 @@ def test_limits_must_fit_the_robot(robot: Kinematics) -> None:
         limits_from(robot, [1.0] * 7, [500.0] * 7).scaled(1.5)
 
 
-def test_an_uninformed_commander_says_so() -> None:
-    with pytest.raises(RuntimeError, match="call reset first"):
-        Commander().state(0.0)
+def test_an_unknown_commanded_state_is_an_error() -> None:
+    with pytest.raises(RuntimeError, match="call reset"):
+        CommandedState().state(0.0)

@@ -41,11 +41,11 @@ def make_arm() -> Any:
     from std_msgs.msg import Header
     from trajectory_msgs.msg import JointTrajectory
 
+    from flowbothd_common.motion import JointState as State
     from flowbothd_common.ros import clouds, qos, received
     from flowbothd_common.ros.conversions import to_stamp
     from flowbothd_interfaces.msg import MotionResult, SuctionState
     from franka_suction_driver.arm.kinematics import make_kinematics
-    from franka_suction_driver.arm.trajectory import JointState as State
     from franka_suction_driver.arm.trajectory import state_at
     from franka_suction_driver.params import MotionParams
 

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from flowbothd_common.joining import leap
-from flowbothd_common.motion import JointTrajectory, joint_order
+from flowbothd_common.motion import JointState, JointTrajectory, joint_order
+from flowbothd_common.trajectory_continuity import discontinuity
 from flowbothd_common.types import Array
 
 _REST_TOLERANCE = 1.2e-7
@@ -15,15 +13,6 @@ _REST_TOLERANCE = 1.2e-7
 
 _ACCELERATION = 10.0
 """What a motion ahead may need of any joint [rad/s^2]; an arm's limits are about this."""
-
-
-@dataclass(frozen=True)
-class JointSample:
-    """Commanded positions, velocities and accelerations, each (J,)."""
-
-    positions: Array
-    velocities: Array
-    accelerations: Array
 
 
 class TrajectoryFollower:
@@ -61,9 +50,9 @@ class TrajectoryFollower:
     def reset(self, positions: Array) -> None:
         """Forget everything and hold `positions` (J,)."""
         zero = np.zeros(len(self.joint_names))
-        self._rest = JointSample(np.array(positions, dtype=float), zero, zero)
+        self._rest = JointState(np.array(positions, dtype=float), zero, zero)
         self._times: Array = np.zeros(0)
-        self._points: list[JointSample] = []
+        self._points: list[JointState] = []
         self._order = 5
 
     def accept(self, trajectory: JointTrajectory, now: float, stamp: float = 0.0) -> str:
@@ -94,7 +83,7 @@ class TrajectoryFollower:
             zero if accelerations is None else accelerations,
             strict=True,
         )
-        points = [JointSample(*row) for row in rows]
+        points = [JointState(*row) for row in rows]
         keep = times > now
         elsewhere = self._leap(times, points, now, moving=order > 1)
         if elsewhere:
@@ -108,15 +97,15 @@ class TrajectoryFollower:
             self._times = np.concatenate([[now], times[keep]])
             self._points = [present] + [p for p, k in zip(points, keep, strict=True) if k]
         self._order = order
-        self._rest = JointSample(points[-1].positions, np.zeros(joints), np.zeros(joints))
+        self._rest = JointState(points[-1].position, np.zeros(joints), np.zeros(joints))
         return ""
 
     def hold(self, now: float) -> None:
         """Come to rest within `hold_time`, smoothly, and forget the trajectory."""
         present = self.sample(now)
         joints = np.zeros(len(self.joint_names))
-        stop = present.positions + 0.5 * self.hold_time * present.velocities
-        self._rest = JointSample(stop, joints, joints)
+        stop = present.position + 0.5 * self.hold_time * present.velocity
+        self._rest = JointState(stop, joints, joints)
         self._times = np.array([now, now + self.hold_time])
         self._points = [present, self._rest]
         self._order = 5
@@ -125,7 +114,7 @@ class TrajectoryFollower:
         """True until the trajectory has ended."""
         return bool(len(self._times)) and now < float(self._times[-1])
 
-    def sample(self, now: float) -> JointSample:
+    def sample(self, now: float) -> JointState:
         """The commanded state at `now`."""
         if not self.active(now):
             return self._rest
@@ -136,14 +125,14 @@ class TrajectoryFollower:
         begin = float(self._times[after - 1])
         return _interpolate(start, end, now - begin, float(self._times[after]) - begin, self._order)
 
-    def _leap(self, times: Array, points: list[JointSample], now: float, *, moving: bool) -> str:
+    def _leap(self, times: Array, points: list[JointState], now: float, *, moving: bool) -> str:
         """Why the first point ahead does not go on from the commanded state, or nothing."""
         present, ahead = self.sample(now), int(np.searchsorted(times, now))
         first = points[ahead]
-        return leap(
+        return discontinuity(
             self.joint_names,
-            (present.positions, present.velocities),
-            (first.positions, first.velocities if moving else present.velocities),
+            (present.position, present.velocity),
+            (first.position, first.velocity if moving else present.velocity),
             float(times[ahead]) - now,
             tolerance=self.start_tolerance,
             acceleration=_ACCELERATION,
@@ -187,27 +176,27 @@ def _given(values: Array, count: int, columns: list[int]) -> Array | None:
 
 
 def _interpolate(
-    start: JointSample, end: JointSample, t: float, duration: float, order: int
-) -> JointSample:
-    p0, p1, v0, v1 = start.positions, end.positions, start.velocities, end.velocities
+    start: JointState, end: JointState, t: float, duration: float, order: int
+) -> JointState:
+    p0, p1, v0, v1 = start.position, end.position, start.velocity, end.velocity
     d = duration
     if order == 1:
         slope = (p1 - p0) / d
-        return JointSample(p0 + slope * t, slope, np.zeros_like(slope))
+        return JointState(p0 + slope * t, slope, np.zeros_like(slope))
     if order == 3:
         c2 = (3 * (p1 - p0) - (2 * v0 + v1) * d) / d**2
         c3 = (2 * (p0 - p1) + (v0 + v1) * d) / d**3
         zero = np.zeros_like(c2)
         coefficients = (p0, v0, c2, c3, zero, zero)
     else:
-        a0, a1 = start.accelerations, end.accelerations
+        a0, a1 = start.acceleration, end.acceleration
         h = p1 - p0
         c3 = (20 * h - (8 * v1 + 12 * v0) * d - (3 * a0 - a1) * d**2) / (2 * d**3)
         c4 = (-30 * h + (14 * v1 + 16 * v0) * d + (3 * a0 - 2 * a1) * d**2) / (2 * d**4)
         c5 = (12 * h - 6 * (v1 + v0) * d + (a1 - a0) * d**2) / (2 * d**5)
         coefficients = (p0, v0, a0 / 2, c3, c4, c5)
     k0, k1, k2, k3, k4, k5 = coefficients
-    return JointSample(
+    return JointState(
         k0 + t * (k1 + t * (k2 + t * (k3 + t * (k4 + t * k5)))),
         k1 + t * (2 * k2 + t * (3 * k3 + t * (4 * k4 + t * 5 * k5))),
         2 * k2 + t * (6 * k3 + t * (12 * k4 + t * 20 * k5)),

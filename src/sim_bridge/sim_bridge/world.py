@@ -188,7 +188,7 @@ class ArmWorld(ObjectWorld):
 
         An arm that was kept from where it should rest is taken up from where it stands.
         """
-        rest = self._follower.sample(self.time).positions
+        rest = self._follower.sample(self.time).position
         pushed = np.abs(self._positions - rest).max() > self.params.start_tolerance
         if pushed and not self._follower.active(self.time):
             self._follower.reset(self._positions)
@@ -273,7 +273,7 @@ class ArmWorld(ObjectWorld):
 
     def _tick(self) -> None:
         dt = self.params.time_step
-        target = self._follower.sample(self.time + dt).positions
+        target = self._follower.sample(self.time + dt).position
         p.setJointMotorControlArray(
             self._robot.id,
             self._joint_indices,

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from flowbothd_common.joining import leap
 from flowbothd_common.motion import JointTrajectory
+from flowbothd_common.trajectory_continuity import discontinuity
 from sim_bridge.trajectory import TrajectoryFollower
 
 NAMES = ("a", "b")
@@ -32,12 +32,12 @@ def differences(follower, start, end, order):
     """Largest jump of the n-th derivative between dense samples."""
     times = np.arange(start, end, 1e-4)
     samples = [follower.sample(t) for t in times]
-    values = np.array([[s.positions, s.velocities, s.accelerations][order] for s in samples])
+    values = np.array([[s.position, s.velocity, s.acceleration][order] for s in samples])
     return np.abs(np.diff(values, axis=0)).max()
 
 
 def test_it_rests_where_it_is_put(follower):
-    assert np.array_equal(follower.sample(3.0).positions, [0.1, -0.2])
+    assert np.array_equal(follower.sample(3.0).position, [0.1, -0.2])
     assert not follower.active(3.0)
 
 
@@ -49,65 +49,65 @@ def test_velocities_and_accelerations_are_the_derivatives(follower):
     h = 1e-6
     for t in (2.1, 2.49, 2.51, 2.9, 3.19):
         before, here, after = (follower.sample(t + d) for d in (-h, 0, h))
-        slope = (after.positions - before.positions) / (2 * h)
-        bend = (after.velocities - before.velocities) / (2 * h)
-        assert np.allclose(slope, here.velocities, atol=1e-6)
-        assert np.allclose(bend, here.accelerations, atol=1e-5)
+        slope = (after.position - before.position) / (2 * h)
+        bend = (after.velocity - before.velocity) / (2 * h)
+        assert np.allclose(slope, here.velocity, atol=1e-6)
+        assert np.allclose(bend, here.acceleration, atol=1e-5)
     middle = follower.sample(2.5)
-    assert np.allclose(middle.positions, [0.5, 0.0])
-    assert np.allclose(middle.velocities, [0.4, 0.2])
-    assert np.allclose(middle.accelerations, [0.1, -0.3])
+    assert np.allclose(middle.position, [0.5, 0.0])
+    assert np.allclose(middle.velocity, [0.4, 0.2])
+    assert np.allclose(middle.acceleration, [0.1, -0.3])
     end = follower.sample(10.0)
-    assert np.allclose(end.positions, [0.7, 0.3])
-    assert not end.velocities.any()
+    assert np.allclose(end.position, [0.7, 0.3])
+    assert not end.velocity.any()
 
 
 def test_a_replacement_is_continuous_with_what_was_commanded(follower):
     follower.accept(trajectory([1.0], [[1.0, 1.0]]), now=0.0)
     before = follower.sample(0.4)
-    assert np.abs(before.velocities).max() > 0.5
+    assert np.abs(before.velocity).max() > 0.5
     assert follower.accept(trajectory([1.0], [[0.2, 0.0]]), now=0.4) == ""
     after = follower.sample(0.4)
-    assert np.allclose(before.positions, after.positions)
-    assert np.allclose(before.velocities, after.velocities)
-    assert np.allclose(before.accelerations, after.accelerations)
+    assert np.allclose(before.position, after.position)
+    assert np.allclose(before.velocity, after.velocity)
+    assert np.allclose(before.acceleration, after.acceleration)
     assert differences(follower, 0.3, 1.6, order=0) < 5e-4
-    assert np.allclose(follower.sample(1.4).positions, [0.2, 0.0])
+    assert np.allclose(follower.sample(1.4).position, [0.2, 0.0])
 
 
 def test_cubic_and_linear_where_less_is_given(follower):
     cubic = JointTrajectory(NAMES, np.array([1.0]), np.array([[1.1, -0.2]]), np.zeros((1, 2)), NONE)
     assert follower.accept(cubic, now=0.0) == ""
-    assert follower.sample(0.25).positions[0] == pytest.approx(0.1 + 3 / 16 - 2 / 64)
+    assert follower.sample(0.25).position[0] == pytest.approx(0.1 + 3 / 16 - 2 / 64)
     linear = JointTrajectory(NAMES, np.array([1.0]), np.array([[1.1, -0.2]]), NONE, NONE)
     follower.reset(np.array([0.1, -0.2]))
     assert follower.accept(linear, now=0.0) == ""
-    assert follower.sample(0.25).positions[0] == pytest.approx(0.35)
+    assert follower.sample(0.25).position[0] == pytest.approx(0.35)
 
 
 def test_joints_are_found_by_name(follower):
     swapped = trajectory([1.0], [[2.0, 1.0]], names=("b", "a"))
     assert follower.accept(swapped, now=0.0) == ""
-    assert np.allclose(follower.sample(1.0).positions, [1.0, 2.0])
+    assert np.allclose(follower.sample(1.0).position, [1.0, 2.0])
 
 
 def test_a_stamp_in_the_past_skips_what_has_passed(follower):
     points = trajectory([1.0, 2.0], [[1.0, 0.0], [0.6, 0.0]])
     assert follower.accept(points, now=5.0, stamp=3.5) == ""
-    assert np.allclose(follower.sample(5.0).positions, [0.1, -0.2])
-    assert np.allclose(follower.sample(5.5).positions, [0.6, 0.0])
+    assert np.allclose(follower.sample(5.0).position, [0.1, -0.2])
+    assert np.allclose(follower.sample(5.5).position, [0.6, 0.0])
 
 
 def test_a_stamp_in_the_future_waits(follower):
     assert follower.accept(trajectory([1.0], [[1.0, 0.0]]), now=5.0, stamp=6.0) == ""
-    assert np.allclose(follower.sample(7.0).positions, [1.0, 0.0])
+    assert np.allclose(follower.sample(7.0).position, [1.0, 0.0])
     assert follower.active(6.9)
 
 
 def test_a_first_point_at_zero_replaces_the_present_state(follower):
     points = trajectory([0.0, 1.0], [[0.11, -0.19], [0.5, 0.5]])
     assert follower.accept(points, now=1.0) == ""
-    assert np.allclose(follower.sample(1.0).positions, [0.11, -0.19])
+    assert np.allclose(follower.sample(1.0).position, [0.11, -0.19])
 
 
 @pytest.mark.parametrize("times", [[0.0, 1.0], [0.04, 1.0]])
@@ -115,15 +115,15 @@ def test_one_that_begins_elsewhere_is_refused_and_the_joints_come_to_rest(follow
     """The incident: the arm was held, its reference ran on, and it snapped after it at 23 rad/s."""
     follower.accept(trajectory([1.0], [[1.0, 1.0]]), now=0.0)
     moving = follower.sample(0.4)
-    away = moving.positions + np.array([1.0, 0.0])
+    away = moving.position + np.array([1.0, 0.0])
     reason = follower.accept(trajectory(times, [away, away]), now=0.4)
     assert "a would leap by" in reason
     assert differences(follower, 0.3, 1.0, order=0) < 5e-4
     rest = follower.sample(1.0)
-    assert not rest.velocities.any()
-    assert np.abs(rest.positions - moving.positions).max() < 0.25
+    assert not rest.velocity.any()
+    assert np.abs(rest.position - moving.position).max() < 0.25
     # From where it stands it goes on.
-    assert follower.accept(trajectory([1.0], [rest.positions + 0.1]), now=1.0) == ""
+    assert follower.accept(trajectory([1.0], [rest.position + 0.1]), now=1.0) == ""
 
 
 @pytest.mark.parametrize("lead", [0.0, 0.025, 0.1, 0.4])
@@ -134,7 +134,7 @@ def test_no_motion_within_the_limits_is_taken_for_a_leap(lead):
 
     def verdict(first):
         play = {"tolerance": 1e-9, "acceleration": acceleration}
-        return leap(("a",), (np.zeros(1), speed), (first, speed), lead, **play)
+        return discontinuity(("a",), (np.zeros(1), speed), (first, speed), lead, **play)
 
     assert verdict(furthest) == ""
     assert "a would leap by" in verdict(furthest + 0.01)
@@ -158,10 +158,10 @@ def test_no_motion_within_the_limits_is_taken_for_a_leap(lead):
 )
 def test_rejections_name_the_reason_and_leave_the_old_one_running(follower, bad, words):
     follower.accept(trajectory([1.0], [[1.0, 1.0]]), now=0.0)
-    before = follower.sample(0.5).positions
+    before = follower.sample(0.5).position
     reason = follower.accept(bad, now=0.2)
     assert words in reason
-    assert np.array_equal(follower.sample(0.5).positions, before)
+    assert np.array_equal(follower.sample(0.5).position, before)
 
 
 def test_a_trajectory_that_is_over_is_rejected(follower):
@@ -173,11 +173,11 @@ def test_hold_stops_smoothly_and_forgets(follower):
     follower.accept(trajectory([1.0], [[1.0, 1.0]]), now=0.0)
     moving = follower.sample(0.5)
     follower.hold(0.5)
-    assert np.allclose(follower.sample(0.5).velocities, moving.velocities)
+    assert np.allclose(follower.sample(0.5).velocity, moving.velocity)
     assert differences(follower, 0.4, 0.8, order=1) < 0.01
     stopped = follower.sample(0.5 + follower.hold_time)
-    assert not stopped.velocities.any()
+    assert not stopped.velocity.any()
     # It overran by less than it would have travelled at the speed that it had.
-    overrun = np.abs(stopped.positions - moving.positions)
-    assert (overrun < np.abs(moving.velocities) * follower.hold_time).all()
-    assert np.array_equal(follower.sample(9.0).positions, stopped.positions)
+    overrun = np.abs(stopped.position - moving.position)
+    assert (overrun < np.abs(moving.velocity) * follower.hold_time).all()
+    assert np.array_equal(follower.sample(9.0).position, stopped.position)

@@ -86,7 +86,7 @@ def test_the_arm_follows_its_trajectory_within_a_millimetre(world):
     assert world.command_trajectory(trajectory) == ""
     worst = 0.0
     for _ in range(300):
-        wanted = world._follower.sample(world.time + world.params.time_step).positions
+        wanted = world._follower.sample(world.time + world.params.time_step).position
         world.step()
         positions, _ = world.joint_state()
         worst = max(worst, np.abs(positions - wanted).max())

@@ -18,8 +18,7 @@ from flowbothd_common.types import Cloud
 from flowbothd_policy.actuators_ros import to_decision_message
 from flowbothd_policy.commands import Decision, Predict
 from flowbothd_policy.events_ros import from_event_message
-from flowbothd_policy.params import PolicyParams
-from flowbothd_policy.policy_node_params import PolicyNodeParams
+from flowbothd_policy.params import PolicyNodeParams, PolicyParams
 from flowbothd_policy.state import PolicyState
 from flowbothd_policy.state_machine import advance
 from flowbothd_rosbag.metadata import BagError

@@ -16,8 +16,8 @@ from rclpy.impl.implementation_singleton import rclpy_implementation
 from rclpy.node import Node
 
 from flowbothd_common.errors import FlowBotError
-from flowbothd_common.guardian import watch_guardian
-from flowbothd_common.memory import free_what_stayed, keep_freed_memory, spare_what_stays
+from flowbothd_common.malloc_tuning import free_what_stayed, keep_freed_memory, spare_what_stays
+from flowbothd_common.parent_watch import watch_parent
 from flowbothd_common.ros.parameters import check_files, reject_unknown
 
 RCLError = rclpy_implementation.RCLError
@@ -47,7 +47,7 @@ def run_node(
         0 after a requested shutdown, 2 if the node could not be created.
     """
     logging.basicConfig(level=logging.INFO, format="[%(levelname)s] [%(name)s]: %(message)s")
-    watch_guardian()
+    watch_parent()
     keep_freed_memory()
     try:
         rclpy.init(args=args)

@@ -120,7 +120,7 @@ def _sharded(requests: int, folder: Path) -> Iterator[Verdict]:
 _PARTS = {
     "inverse kinematics": (
         "franka_suction_driver.planning.inverse_kinematics",
-        "franka_suction_driver.execution.tool_solver",
+        "franka_suction_driver.execution.local_ik",
     ),
     "timing": ("franka_suction_driver.arm.trajectory",),
     "collision": ("franka_suction_driver.planning.collision",),

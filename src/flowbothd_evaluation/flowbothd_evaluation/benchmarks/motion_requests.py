@@ -14,6 +14,7 @@ import numpy as np
 
 from flowbothd_common.errors import MotionRejectedError
 from flowbothd_common.motion import (
+    JointState,
     JointTrajectory,
     MotionGoal,
     MotionKind,
@@ -22,10 +23,9 @@ from flowbothd_common.motion import (
 )
 from flowbothd_common.transforms import unit
 from flowbothd_common.types import Array, Cloud
-from franka_suction_driver.arm.commander import Commander
-from franka_suction_driver.arm.fine_check import fine_samples
+from franka_suction_driver.arm.commanded_state import CommandedState
 from franka_suction_driver.arm.limits import JointLimits
-from franka_suction_driver.arm.trajectory import JointState
+from franka_suction_driver.arm.trajectory_check import fine_samples
 from franka_suction_driver.execution.executor import MotionExecutor
 
 PERIOD = 1 / 60
@@ -124,7 +124,7 @@ def run_request(
         only_planning: Give up once the first trajectory is there; for timing.
     """
     kind = request.goal.kind
-    arm = Commander()
+    arm = CommandedState()
     arm.reset(request.start)
     clock = 100.0
     executor.set_obstacles(request.cloud)
@@ -206,7 +206,9 @@ def _judged(
     return Verdict(kind, reason.value, *planning, sample, fine, what, speed, bend, len(sent), fault)
 
 
-def _seen(arm: Commander, clock: float, request: Request, kind: MotionKind) -> RobotObservation:
+def _seen(
+    arm: CommandedState, clock: float, request: Request, kind: MotionKind
+) -> RobotObservation:
     state = arm.state(clock)
     wrench = np.concatenate([request.force, np.zeros(3)])
     holds = kind is MotionKind.FLOW_STEP

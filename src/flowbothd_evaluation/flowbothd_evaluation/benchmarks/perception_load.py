@@ -18,7 +18,7 @@ import psutil
 
 from flowbothd_common.environment import node_environment, own_domain
 from flowbothd_common.errors import FlowBotError
-from flowbothd_common.memory import keep_freed_memory, spare_what_stays
+from flowbothd_common.malloc_tuning import keep_freed_memory, spare_what_stays
 from flowbothd_common.parameter_files import write_parameters
 from flowbothd_common.transforms import quaternion_from_rotation
 from flowbothd_evaluation.benchmarks.perception_scenes import TruthFrame

@@ -24,8 +24,8 @@ from rclpy.publisher import Publisher
 from sensor_msgs.msg import CameraInfo, Image, JointState, PointCloud2, PointField
 from std_msgs.msg import Header
 
-from flowbothd_common.guardian import watch_guardian
-from flowbothd_common.memory import keep_freed_memory, spare_what_stays
+from flowbothd_common.malloc_tuning import keep_freed_memory, spare_what_stays
+from flowbothd_common.parent_watch import watch_parent
 from flowbothd_common.ros import qos
 
 WIDTH, HEIGHT = 640, 576
@@ -137,7 +137,7 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, required=True)
     parser.add_argument("--clouds", action="store_true")
     arguments = parser.parse_args()
-    watch_guardian()
+    watch_parent()
     keep_freed_memory()
     rclpy.init()
     node = Node("source")

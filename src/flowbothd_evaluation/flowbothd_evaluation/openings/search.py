@@ -21,9 +21,9 @@ from franka_suction_driver.arm.kinematics import conditioning, make_kinematics
 from franka_suction_driver.arm.limits import robot_limits
 from franka_suction_driver.params import MotionParams
 from franka_suction_driver.planning.collision import Box, CollisionChecker, Margins
-from franka_suction_driver.planning.continuation import ToolPoses, opening_poses
-from franka_suction_driver.planning.escape import TOOL_LINKS
+from franka_suction_driver.planning.departure import TOOL_LINKS
 from franka_suction_driver.planning.inverse_kinematics import follow, solve
+from franka_suction_driver.planning.opening_path import ToolPoses, opening_poses
 from franka_suction_driver.simulated import sim_motion_params
 
 _X = (0.2, 0.85)
@@ -194,11 +194,11 @@ class PlaceSearch:
     def _clearance(self, path: Array, poses: ToolPoses) -> float:
         kept = 0.0
         for margin in _CLEARANCES:
-            for checker in (self._still, self._swung):
-                checker.set_scene_margin(margin)
             # What the cup holds may lie close before what stands still.
             beside = () if margin == _CLEARANCES[0] else TOOL_LINKS
-            if not self._still.free(self._home) or not self._free(path, poses, beside):
+            with self._still.with_scene_margin(margin), self._swung.with_scene_margin(margin):
+                clear = self._still.free(self._home) and self._free(path, poses, beside)
+            if not clear:
                 break
             kept = margin
         return kept

@@ -12,7 +12,6 @@ from flowbothd_policy.commands import (
     Decision,
     Finish,
     Move,
-    Observe,
     Predict,
     SetSuction,
     StopMotion,
@@ -155,5 +154,5 @@ class PolicyDriver:
             self._events.extend(self._world.set_suction(command.vacuum))
         elif isinstance(command, StopMotion):
             self._world.stop()
-        elif not isinstance(command, Observe | Finish):
+        elif not isinstance(command, Finish):
             raise TypeError(f"unknown command {command!r}")

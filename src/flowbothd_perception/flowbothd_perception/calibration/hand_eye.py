@@ -16,6 +16,7 @@ from flowbothd_common.types import Array
 from flowbothd_perception.calibration.pose import Calibration, difference, twisted
 
 _FEWEST = 3
+"""Arm poses at least: two leave one rotation open."""
 _SMALLEST_TURN = 0.05
 """Of the tool about a second axis, in the sense of a singular value; less says nothing of depth."""
 

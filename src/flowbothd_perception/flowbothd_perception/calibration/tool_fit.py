@@ -71,6 +71,7 @@ STAGES = (
     Stage(0.015, 0.003, tool_only=True, points=400),
     Stage(0.008, 0.002, tool_only=True, points=400),
 )
+"""From wide to narrow gates [m]: the first finds the arm, the last two refine the tool alone."""
 
 
 def moving_points(captures: Sequence[Capture], rng: np.random.Generator) -> list[Cloud]:

@@ -8,7 +8,10 @@ from math import pi
 from flowbothd_common.parameters import parameter
 
 ARM_JOINTS = tuple(f"panda_joint{i}" for i in range(1, 8))
+"""Joint names of the robot description, base to tip."""
 _FER = (3.75, 1.875, 2.5, 3.125, 3.75, 5.0, 5.0)
+"""Joint accelerations of the Franka Emika Robot [rad/s^2]: a quarter of those that its data sheet
+allows, which leaves room for the controller."""
 
 
 @dataclass(frozen=True)

@@ -7,40 +7,27 @@ jump.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 import ruckig
 
 from flowbothd_common.errors import FlowBotError
-from flowbothd_common.motion import JointTrajectory
+from flowbothd_common.motion import JointState, JointTrajectory
 from flowbothd_common.types import Array
 from franka_suction_driver.arm.limits import JointLimits
+from franka_suction_driver.arm.trajectory_check import fine_violation
 
 SAMPLE = 0.025
 """Time between two points of a trajectory [s]."""
 _INTERPOLATED = (0.995, 0.88, 0.5)
 """Parts of the velocity, acceleration and jerk limits that joint profiles are made with: the
 quintics between samples of a jerk that jumps overshoot them."""
+_STOP_STEPS = (SAMPLE, SAMPLE / 2, SAMPLE / 4)
+"""Times between the points of a stop to try [s]: closer points leave quintics less room to
+overshoot a limit."""
 
 
 class TimingError(FlowBotError):
     """No motion within the limits connects the two states."""
-
-
-@dataclass(frozen=True)
-class JointState:
-    """Commanded motion of all joints at one instant; each (J,)."""
-
-    position: Array
-    velocity: Array
-    acceleration: Array
-
-    @staticmethod
-    def at_rest(position: Array) -> JointState:
-        """Standing still at (J,) [rad]."""
-        zero = np.zeros(len(position))
-        return JointState(np.array(position, dtype=float), zero, zero)
 
 
 class Profile:
@@ -116,6 +103,20 @@ def joint_move(
     at_rest = not (start.velocity.any() or start.acceleration.any())
     profile = move_to(start, goal, *interpolable(limits), straight=at_rest)
     return sampled(names, profile)
+
+
+def joint_stop(names: tuple[str, ...], start: JointState, limits: JointLimits) -> JointTrajectory:
+    """Fastest stop of all joints within the limits.
+
+    Where a controller's quintics would overshoot a limit between two points, the points are set
+    closer: from hard manoeuvres at full acceleration they overshot by a hundredth.
+    """
+    profile = brake(start, *interpolable(limits)[1:])
+    for step in _STOP_STEPS[:-1]:
+        trajectory = sampled(names, profile, step)
+        if fine_violation(limits, trajectory, start) is None:
+            return trajectory
+    return sampled(names, profile, _STOP_STEPS[-1])
 
 
 def interpolable(limits: JointLimits) -> tuple[Array, Array, Array]:

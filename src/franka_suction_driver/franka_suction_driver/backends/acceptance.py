@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from flowbothd_common.joining import leap
-from flowbothd_common.motion import JointTrajectory
+from flowbothd_common.motion import JointState, JointTrajectory
+from flowbothd_common.trajectory_continuity import discontinuity
 from franka_suction_driver.arm.limits import JointLimits
-from franka_suction_driver.arm.trajectory import JointState
 
 
 def objection(
@@ -41,7 +40,7 @@ def objection(
     violation = limits.violation(trajectory)
     if violation is not None:
         return f"beyond a limit: {violation}"
-    return leap(
+    return discontinuity(
         trajectory.joint_names,
         (commanded.position, commanded.velocity),
         (trajectory.positions[0], trajectory.velocities[0]),

@@ -25,8 +25,11 @@ from franka_suction_driver.backends.protocol import BackendError
 
 _log = logging.getLogger(__name__)
 _PASCAL_PER_MBAR = 100.0
+"""The pump measures in millibar."""
 _PASCAL_PER_SETPOINT = 1000.0
+"""One step of the pump's set-point, 10 mbar [Pa]."""
 _LARGEST_SETPOINT = 255
+"""The set-point is one byte."""
 # Pause before a connection that was lost is tried again [s]: a try may block for long.
 _RECONNECT = 5.0
 

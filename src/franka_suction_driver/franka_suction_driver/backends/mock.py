@@ -27,6 +27,7 @@ from franka_suction_driver.backends.mock_modes import (
 from franka_suction_driver.backends.mock_panda import JointPosition, Panda
 
 START = (0.0, -np.pi / 4, 0.0, -3 * np.pi / 4, 0.0, np.pi / 2, np.pi / 4)
+"""Joint positions at power-on [rad]: the robot's usual ready pose."""
 DeviceStatus = Enum("DeviceStatus", "kGreen kYellow kOrange kRed", start=0)
 
 

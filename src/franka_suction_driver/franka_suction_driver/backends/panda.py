@@ -14,10 +14,10 @@ import numpy as np
 from flowbothd_common.errors import ParameterError
 from flowbothd_common.motion import JointTrajectory
 from flowbothd_common.types import Array
-from franka_suction_driver.arm.commander import Commander
+from franka_suction_driver.arm.commanded_state import CommandedState
 from franka_suction_driver.arm.kinematics import Kinematics
 from franka_suction_driver.arm.limits import JointLimits
-from franka_suction_driver.arm.stopping import joint_stop
+from franka_suction_driver.arm.trajectory import joint_stop
 from franka_suction_driver.backend_params import PandaParams
 from franka_suction_driver.backends.acceptance import objection
 from franka_suction_driver.backends.library import LibraryError, explained, load_panda_py
@@ -30,8 +30,13 @@ from franka_suction_driver.backends.wrench import ExternalWrench
 
 _log = logging.getLogger(__name__)
 _POLL = 0.05
+"""Pause between two looks at the robot while something is awaited [s]."""
 _SILENT = 0.1
+"""Age of the robot's state that counts as silence [s]: states come every millisecond, and libfranka
+gives up only later."""
 _BRAKING = 2.0
+"""Longest wait for the arm to come to rest before the controller is stopped [s]: a stop within the
+limits takes well under a second."""
 # States that may end by themselves within the time of a recovery.
 _PASSING = ("kReflex", "kMove", "kAutomaticErrorRecovery")
 
@@ -83,7 +88,7 @@ class PandaArm:
         self._clock, self._sleep = clock, sleep
         self._wrench = ExternalWrench(kinematics, params.least_conditioning)
         self._lock = threading.RLock()
-        self._commander = Commander()
+        self._commanded = CommandedState()
         self._link: PandaLink | None = None
         self._reconnecting = Reconnecting(self._open, params.robot_ip)
         self._thread: threading.Thread | None = None
@@ -130,12 +135,12 @@ class PandaArm:
             if self._link is None or not self._link.running:
                 return "the robot is not connected"
             now = self._clock()
-            commanded = self._commander.state(now)
+            commanded = self._commanded.state(now)
             reason = objection(trajectory, self._limits, commanded, self._start_tolerance)
             if reason:
                 self.hold()
             else:
-                self._commander.issue(trajectory, now)
+                self._commanded.issue(trajectory, now)
             return reason
 
     def hold(self) -> None:
@@ -144,10 +149,10 @@ class PandaArm:
             if self._link is None or not self._link.running:
                 return
             now = self._clock()
-            commanded = self._commander.state(now)
+            commanded = self._commanded.state(now)
             if commanded.velocity.any():
                 names = self._kinematics.joint_names
-                self._commander.issue(joint_stop(names, commanded, self._limits), now)
+                self._commanded.issue(joint_stop(names, commanded, self._limits), now)
 
     def recover(self) -> str:
         """Clear the fault by the robot's documented way, then hold where the arm stands."""
@@ -202,7 +207,7 @@ class PandaArm:
             # Sleeps until the next turn, and raises what the control thread has run into.
             link.turn()
             with self._lock:
-                target = self._commander.state(self._clock())
+                target = self._commanded.state(self._clock())
                 link.command(target.position, target.velocity)
                 self._measure()
                 self._guard(target.position)
@@ -224,7 +229,7 @@ class PandaArm:
         reading = link.read()
         if reading.trouble:
             raise BackendError(reading.trouble)
-        self._commander.reset(reading.q)
+        self._commanded.reset(reading.q)
         link.start(reading.q, self._params)
         self._closing.clear()
         self._measure()
@@ -247,7 +252,7 @@ class PandaArm:
         self.hold()
         link, deadline = self._link, self._clock() + _BRAKING
         while link is not None and link.running and self._clock() < deadline:
-            if self._commander.finished(self._clock()):
+            if self._commanded.finished(self._clock()):
                 break
             if self._threaded:
                 self._sleep(_POLL)

@@ -13,14 +13,17 @@ from flowbothd_common.motion import JointTrajectory
 from flowbothd_common.ros import qos, received
 from flowbothd_common.ros.conversions import to_trajectory
 from flowbothd_common.ros.guard import Guard
-from franka_suction_driver.arm.commander import Commander
+from franka_suction_driver.arm.commanded_state import CommandedState
 from franka_suction_driver.arm.limits import JointLimits
-from franka_suction_driver.arm.stopping import joint_stop
+from franka_suction_driver.arm.trajectory import joint_stop
 from franka_suction_driver.backends.acceptance import objection
 from franka_suction_driver.backends.protocol import NOTHING_TO_RECOVER, ArmState
 
 _PATIENCE = 0.3
+"""Time that the arm may be off its command before it counts as a fault [s]: trajectories and joint
+states travel."""
 _SAME_PLACE = 0.02
+"""Joint error below which the arm has arrived [rad]: what a controller leaves at rest."""
 
 
 class TopicArm:
@@ -50,7 +53,7 @@ class TopicArm:
     ) -> None:
         self._names, self._limits, self._reject_lag = joint_names, limits, reject_lag
         self._start_tolerance = start_tolerance
-        self._commander = Commander()
+        self._commanded = CommandedState()
         self._state: ArmState | None = None
         self._fault = ""
         self._moving = False
@@ -72,12 +75,12 @@ class TopicArm:
         if self._fault or self._state is None:
             return self._fault or "no joint_states yet"
         now = time.monotonic()
-        commanded = self._commander.state(now)
+        commanded = self._commanded.state(now)
         reason = objection(trajectory, self._limits, commanded, self._start_tolerance)
         if reason:
             self.hold()
             return reason
-        self._commander.issue(trajectory, now)
+        self._commanded.issue(trajectory, now)
         self._moving = True
         self._publisher.publish(to_trajectory(trajectory))
         return ""
@@ -91,10 +94,10 @@ class TopicArm:
         if self._state is None or self._fault:
             return
         now = time.monotonic()
-        commanded = self._commander.state(now)
+        commanded = self._commanded.state(now)
         if commanded.velocity.any():
             stop = joint_stop(self._names, commanded, self._limits)
-            self._commander.issue(stop, now)
+            self._commanded.issue(stop, now)
             self._publisher.publish(to_trajectory(stop))
 
     def recover(self) -> str:
@@ -104,7 +107,7 @@ class TopicArm:
         if not self._fault:
             return NOTHING_TO_RECOVER
         self._fault, self._behind_since, self._moving = "", None, False
-        self._commander.reset(self._state.positions)
+        self._commanded.reset(self._state.positions)
         return ""
 
     def tare(self) -> str:
@@ -132,11 +135,11 @@ class TopicArm:
     def _watch(self, positions: np.ndarray) -> None:
         """Notice an arm that does not follow; one that rests may be moved by others."""
         if not self._moving:
-            self._commander.reset(positions)
+            self._commanded.reset(positions)
             return
         now = time.monotonic()
-        lag = float(np.abs(positions - self._commander.state(now).position).max())
-        if self._commander.finished(now) and lag < _SAME_PLACE:
+        lag = float(np.abs(positions - self._commanded.state(now).position).max())
+        if self._commanded.finished(now) and lag < _SAME_PLACE:
             self._moving = False
         if lag <= self._reject_lag:
             self._behind_since = None

@@ -15,7 +15,9 @@ from flowbothd_common.errors import ParameterError
 from flowbothd_common.motion import JointTrajectory, MotionGoal, MotionResult
 
 _KEPT = 10
+"""Rotated files that are kept."""
 _DIGITS = 5
+"""Decimals of positions, speeds and times: 10 micrometres."""
 
 
 class AuditSink(Protocol):

@@ -6,21 +6,29 @@ from dataclasses import replace
 
 import numpy as np
 
-from flowbothd_common.motion import MotionReason, RobotObservation
+from flowbothd_common.motion import JointState, MotionReason, RobotObservation
 from flowbothd_common.types import Array
 from franka_suction_driver.arm.kinematics import Kinematics
-from franka_suction_driver.arm.trajectory import JointState
-from franka_suction_driver.execution.motion_step import Ending, ForceFilter, Step
-from franka_suction_driver.execution.tool_follower import Rollout, ToolFollower
-from franka_suction_driver.execution.tool_motion import Reference
+from franka_suction_driver.execution.cartesian_planner import CartesianPlanner, TimedTrajectory
+from franka_suction_driver.execution.motion_step import ForceFilter, Step, Termination
+from franka_suction_driver.execution.tool_reference import Reference
 from franka_suction_driver.params import FlowStepParams
 
 _REPLACE_PERIOD = 0.05
+"""Shortest time between two replacements of the trajectory [s]: each costs a few milliseconds of
+inverse kinematics."""
 _SMALLEST_SHIFT = 5e-5
+"""Offset below which the trajectory is not replaced [m]: less than the arm's repeatability."""
 _LARGEST_LEAD = 0.003
+"""Lead of the wanted offset over the present one [m]: the reference must not run on when the force
+drops."""
 _RELAX_TIME = 1.0
+"""Longest time in which force is let go after a stop [s]."""
 _MOST_RELAXING = 0.012
+"""Longest way of letting go after a stop [m]: against a door that swings back it would become a
+motion by itself."""
 _SLOWER = (0.5, 0.2)
+"""Parts of the planned speed to try where giving way makes the joints too fast [-]."""
 
 
 class FlowStep:
@@ -32,7 +40,7 @@ class FlowStep:
 
     Args:
         kinematics: For measuring the tool.
-        follower: Turns tool references into joint trajectories.
+        planner: Turns tool references into joint trajectories.
         reference: Planned step, at rest at its start.
         planned: The plan's outcome.
         distance: Length that was asked for [m].
@@ -43,15 +51,15 @@ class FlowStep:
     def __init__(
         self,
         kinematics: Kinematics,
-        follower: ToolFollower,
+        planner: CartesianPlanner,
         reference: Reference,
-        planned: Rollout,
+        planned: TimedTrajectory,
         distance: float,
         params: FlowStepParams,
         began: float,
     ) -> None:
         self._kinematics = kinematics
-        self._follower = follower
+        self._planner = planner
         self._reference = reference
         self._planned = planned
         self._distance = distance
@@ -62,7 +70,7 @@ class FlowStep:
         self._braked_at: Array = np.zeros(3)
         self._replaced: float | None = None
         self._moved_on = 0.0
-        self._ending: Ending | None = None
+        self._termination: Termination | None = None
         self._relax_until: float | None = None
         self._fraction = 0.0
 
@@ -81,32 +89,32 @@ class FlowStep:
             return Step(self._planned.trajectory)
         clock = now - self._began
         travel = float(self._reference.travel(clock).position[0])
-        if self._ending is None:
+        if self._termination is None:
             self._fraction = min(1.0, travel / self._distance)
-            ending = self._guard(travel, force, seen)
-            if ending is not None:
-                return self._brake(clock, commanded, ending)
+            termination = self._guard(travel, force, seen)
+            if termination is not None:
+                return self._brake(clock, commanded, termination)
         return self._settle(clock, commanded, force)
 
-    def stop(self, now: float, commanded: JointState, ending: Ending) -> Step:
+    def stop(self, now: float, commanded: JointState, termination: Termination) -> Step:
         """Brake along the flow, then end as told."""
-        return self._brake(now - self._began, commanded, ending)
+        return self._brake(now - self._began, commanded, termination)
 
-    def _guard(self, travel: float, force: Array, seen: RobotObservation) -> Ending | None:
+    def _guard(self, travel: float, force: Array, seen: RobotObservation) -> Termination | None:
         params = self._params
         if seen.vacuum_lost or not seen.vacuum:
             message = (
                 f"the part came off after {travel * 100:.1f} cm; step more slowly, or grasp where "
                 "the surface is flat"
             )
-            return Ending(MotionReason.SUCTION_LOST, message)
+            return Termination(MotionReason.SUCTION_LOST, message)
         size = float(np.linalg.norm(force))
         if not size <= params.force_limit:
             message = (
                 f"{size:.0f} N after {travel * 100:.1f} cm (limit {params.force_limit:.0f} N): "
                 "the part is blocked, at its end stop, or moves another way"
             )
-            return Ending(MotionReason.FORCE_LIMIT, message, True)
+            return Termination(MotionReason.FORCE_LIMIT, message, True)
         line = self._reference.line
         tip = self._kinematics.tip(seen.positions).position
         lag = travel - float((tip - line.origin) @ line.direction)
@@ -115,20 +123,20 @@ class FlowStep:
                 f"the tool is {lag * 1000:.0f} mm behind after {travel * 100:.1f} cm, and nothing "
                 f"holds it ({size:.1f} N): the arm does not follow its command"
             )
-            return Ending(MotionReason.LAGGING, message)
+            return Termination(MotionReason.LAGGING, message)
         if not lag <= params.stall_distance:
             message = (
                 f"the tool is {lag * 1000:.0f} mm behind after {travel * 100:.1f} cm: it no longer "
                 "moves, the part is blocked or moves another way"
             )
-            return Ending(MotionReason.STALLED, message, True)
+            return Termination(MotionReason.STALLED, message, True)
         return None
 
     def _settle(self, clock: float, commanded: JointState, force: Array) -> Step:
         """Give way; end once the reference rests and the force has relaxed, or time is up."""
-        relaxing = self._ending is not None and self._relax_until is not None
-        if self._ending is not None and not relaxing:
-            return Step(ending=self._ending) if clock >= self._reference.end else Step()
+        relaxing = self._termination is not None and self._relax_until is not None
+        if self._termination is not None and not relaxing:
+            return Step(termination=self._termination) if clock >= self._reference.end else Step()
         direction = self._reference.line.direction
         yielding = force if relaxing else force - direction * float(force @ direction)
         along = self._reference.along_since + self._reference.along.duration
@@ -138,9 +146,9 @@ class FlowStep:
             relaxed = float(np.linalg.norm(yielding)) < self._params.relaxed_force
             if relaxed or clock >= limit + patience:
                 self._relax_until = None
-                self._ending = self._ending or self._completed()
+                self._termination = self._termination or self._completed()
                 if clock >= self._reference.end:
-                    return Step(ending=self._ending)
+                    return Step(termination=self._termination)
                 return Step()
         return self._give_way(clock, commanded, yielding)
 
@@ -162,44 +170,44 @@ class FlowStep:
             return Step()
         candidate = replace(self._reference)
         candidate.shift(clock, self._offset)
-        rollout = self._follower.rollout(candidate, clock, commanded)
+        timed = self._planner.follow(candidate, clock, commanded)
         for part in _SLOWER:
-            if not rollout.too_fast:
+            if not timed.too_fast:
                 break
             # What lies ahead is too fast off the planned line; giving way now matters more.
             candidate = replace(candidate)
             candidate.slow_down(clock, part * self._planned.slowing * self._params.speed)
-            rollout = self._follower.rollout(candidate, clock, commanded)
-        if not rollout.good:
+            timed = self._planner.follow(candidate, clock, commanded)
+        if not timed.good:
             # The arm cannot give way further: the force guard decides what becomes of it.
             return Step()
         self._reference = candidate
         self._replaced = clock
-        return Step(rollout.trajectory)
+        return Step(timed.trajectory)
 
-    def _brake(self, clock: float, commanded: JointState, ending: Ending) -> Step:
-        if self._ending is not None and ending.reason is not MotionReason.STOPPED:
+    def _brake(self, clock: float, commanded: JointState, termination: Termination) -> Step:
+        if self._termination is not None and termination.reason is not MotionReason.STOPPED:
             return Step()
-        self._ending = ending
-        if ending.reason in (MotionReason.FORCE_LIMIT, MotionReason.STALLED):
+        self._termination = termination
+        if termination.reason in (MotionReason.FORCE_LIMIT, MotionReason.STALLED):
             self._relax_until = clock + _RELAX_TIME
         if self._replaced is None:
-            return Step(ending=ending)
+            return Step(termination=termination)
         self._offset = self._braked_at = self._reference.offset_state(clock).position
-        self._reference, trajectory = self._follower.brake(self._reference, clock, commanded)
+        self._reference, trajectory = self._planner.brake(self._reference, clock, commanded)
         self._moved_on = self._replaced = clock
         return Step(trajectory)
 
-    def _completed(self) -> Ending:
+    def _completed(self) -> Termination:
         problem = self._planned.problem
         if not problem:
-            return Ending(MotionReason.REACHED, "", True)
+            return Termination(MotionReason.REACHED, "", True)
         reason = MotionReason(problem)
         message = (
             f"the arm reaches only {self._planned.travel * 100:.1f} of "
             f"{self._distance * 100:.1f} cm: {self._planned.detail}"
         )
-        return Ending(reason, message, True)
+        return Termination(reason, message, True)
 
 
 def _shortened(vector: Array, longest: float) -> Array:

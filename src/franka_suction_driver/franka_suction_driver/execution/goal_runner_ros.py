@@ -21,7 +21,7 @@ from flowbothd_common.ros import qos
 from flowbothd_common.ros.conversions import to_goal, to_trajectory
 from franka_suction_driver.actions_ros import ActiveGoal
 from franka_suction_driver.execution.executor import MotionExecutor
-from franka_suction_driver.execution.motion_factory import Prepared
+from franka_suction_driver.execution.motion_factory import PlannedGoal
 from franka_suction_driver.inputs_ros import RobotInputs
 from franka_suction_driver.params import MotionNodeParams
 
@@ -55,7 +55,7 @@ class GoalRunner:
         self._core, self._inputs, self._params = core, inputs, params
         self._deliver, self._show = finish, show
         self._goal: ActiveGoal | None = None
-        self._planning: Future[Prepared] | None = None
+        self._planning: Future[PlannedGoal] | None = None
         self._cancelled = ""
         self._needs_wrench = False
         self._give_up_at: float | None = None
@@ -94,7 +94,7 @@ class GoalRunner:
         self._needs_wrench = guarded or (self._params.require_wrench and known)
         cloud = self._inputs.cloud
 
-        def plan() -> Prepared:
+        def plan() -> PlannedGoal:
             self._core.set_obstacles(cloud, self._params.camera_position or None)
             return self._core.prepare(wanted, seen)
 

@@ -11,10 +11,13 @@ from flowbothd_common.motion import MotionGoal, MotionKind
 from flowbothd_common.transforms import angle_between, rotation_about, unit
 from flowbothd_common.types import Array
 from franka_suction_driver.arm.kinematics import TipState
-from franka_suction_driver.execution.tool_motion import ToolLine
+from franka_suction_driver.execution.tool_reference import ToolLine
 
 _LONGEST = 0.5
+"""Longest motion that a goal may ask for [m]: anything longer is a mistake of units."""
 _ASIDE = np.radians(60.0)
+"""Largest angle between a probe's direction and the tool's axis [rad]: farther off, the cup touches
+with its side."""
 
 
 def checked_goal(goal: MotionGoal) -> MotionGoal:

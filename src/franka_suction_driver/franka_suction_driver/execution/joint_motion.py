@@ -4,15 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from flowbothd_common.motion import JointTrajectory, MotionReason, RobotObservation
+from flowbothd_common.motion import JointState, JointTrajectory, MotionReason, RobotObservation
 from franka_suction_driver.arm.limits import JointLimits
-from franka_suction_driver.arm.stopping import joint_stop
-from franka_suction_driver.arm.trajectory import JointState
-from franka_suction_driver.execution.motion_step import Ending, ForceFilter, Step
+from franka_suction_driver.arm.trajectory import joint_stop
+from franka_suction_driver.execution.motion_step import ForceFilter, Step, Termination
 
 _SETTLED = 0.01
+"""Joint error at which a motion has arrived [rad]."""
 _SETTLE_TIME = 1.0
+"""Longest wait for the arm to arrive after the trajectory has ended [s]."""
 _RELEASE_TIME = 3.0
+"""Longest wait for the cup to vent before a retreat [s]: pumps take a moment to vent."""
 
 
 class JointMotion:
@@ -47,7 +49,7 @@ class JointMotion:
         self._asked: float | None = None
         self._began: float | None = None
         self._ends = 0.0
-        self._ending: Ending | None = None
+        self._termination: Termination | None = None
         self._fraction = 0.0
 
     @property
@@ -59,35 +61,37 @@ class JointMotion:
         """Begin, watch the force, and end when the arm has arrived."""
         if self._asked is None:
             self._asked = now
-        if self._began is None and self._ending is None:
+        if self._began is None and self._termination is None:
             return self._begin(now, seen)
         force = self._force.update(now, seen.wrench)
         size = float(np.linalg.norm(force))
-        if self._ending is None and self._began is not None:
+        if self._termination is None and self._began is not None:
             self._fraction = min(1.0, (now - self._began) / float(self._trajectory.times[-1]))
             if not size <= self._force_limit and now > self._began + self._grace:
                 message = (
                     f"unexpected contact of {size:.0f} N (limit {self._force_limit:.0f} N) on a "
                     "free motion; retreat, and check that the object cloud shows what is in the way"
                 )
-                return self.stop(now, commanded, Ending(MotionReason.FORCE_LIMIT, message, True))
+                return self.stop(
+                    now, commanded, Termination(MotionReason.FORCE_LIMIT, message, True)
+                )
         if now < self._ends:
             return Step()
-        if self._ending is not None:
-            return Step(ending=self._ending)
+        if self._termination is not None:
+            return Step(termination=self._termination)
         lag = float(np.abs(seen.positions - commanded.position).max())
         if lag < _SETTLED:
-            return Step(ending=Ending(MotionReason.REACHED, self._note))
+            return Step(termination=Termination(MotionReason.REACHED, self._note))
         if now < self._ends + _SETTLE_TIME:
             return Step()
         message = f"the arm stays {lag:.3f} rad behind the trajectory; is the controller running?"
-        return Step(ending=Ending(MotionReason.LAGGING, message))
+        return Step(termination=Termination(MotionReason.LAGGING, message))
 
-    def stop(self, now: float, commanded: JointState, ending: Ending) -> Step:
+    def stop(self, now: float, commanded: JointState, termination: Termination) -> Step:
         """Brake all joints within their limits, then end as told."""
-        self._ending = ending
+        self._termination = termination
         if self._began is None:
-            return Step(ending=ending)
+            return Step(termination=termination)
         trajectory = joint_stop(self._trajectory.joint_names, commanded, self._limits)
         self._ends = now + float(trajectory.times[-1])
         return Step(trajectory)
@@ -96,7 +100,7 @@ class JointMotion:
         if self._released and seen.vacuum:
             if self._asked is not None and now - self._asked > _RELEASE_TIME:
                 message = "the cup still holds the part; switch the suction off before retreating"
-                return Step(ending=Ending(MotionReason.REJECTED, message))
+                return Step(termination=Termination(MotionReason.REJECTED, message))
             return Step()
         self._began = now
         self._ends = now + float(self._trajectory.times[-1])

@@ -8,17 +8,17 @@ from typing import Protocol
 import numpy as np
 
 from flowbothd_common.motion import (
+    JointState,
     JointTrajectory,
     MotionReason,
     MotionResult,
     RobotObservation,
 )
 from flowbothd_common.types import Array
-from franka_suction_driver.arm.trajectory import JointState
 
 
 @dataclass(frozen=True)
-class Ending:
+class Termination:
     """Why a motion is over.
 
     Attributes:
@@ -38,11 +38,11 @@ class Step:
 
     Attributes:
         trajectory: Replaces the running one from now on, if any.
-        ending: Set at the last tick.
+        termination: Set at the last tick.
     """
 
     trajectory: JointTrajectory | None = None
-    ending: Ending | None = None
+    termination: Termination | None = None
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class MotionUpdate:
 
 
 class RunningMotion(Protocol):
-    """A motion between its start and its ending."""
+    """A motion between its start and its termination."""
 
     @property
     def fraction(self) -> float:
@@ -74,7 +74,7 @@ class RunningMotion(Protocol):
         """Advance to `now` [s, node clock]."""
         ...
 
-    def stop(self, now: float, commanded: JointState, ending: Ending) -> Step:
+    def stop(self, now: float, commanded: JointState, termination: Termination) -> Step:
         """Come to rest within the limits and then end as told."""
         ...
 

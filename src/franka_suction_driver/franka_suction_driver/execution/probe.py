@@ -6,21 +6,21 @@ from dataclasses import replace
 
 import numpy as np
 
-from flowbothd_common.motion import MotionReason, RobotObservation
-from franka_suction_driver.arm.trajectory import JointState
-from franka_suction_driver.execution.motion_step import Ending, ForceFilter, Step
-from franka_suction_driver.execution.tool_follower import Rollout, ToolFollower
-from franka_suction_driver.execution.tool_motion import Bounds, Reference
+from flowbothd_common.motion import JointState, MotionReason, RobotObservation
+from franka_suction_driver.execution.cartesian_planner import CartesianPlanner, TimedTrajectory
+from franka_suction_driver.execution.motion_step import ForceFilter, Step, Termination
+from franka_suction_driver.execution.tool_reference import Bounds, Reference
 from franka_suction_driver.params import ProbeParams
 
 _SLOWINGS = (1.0, 0.7, 0.4, 0.2, 0.1)
+"""Parts of the planned speed to try for an increment, fastest first [-]."""
 
 
 class Probe:
     """Moves the tool forward until something happens.
 
     Args:
-        follower: Turns tool references into joint trajectories.
+        planner: Turns tool references into joint trajectories.
         reference: At rest at the start, planned over the reachable part of the way.
         planned: The plan's outcome.
         distance: Length that was asked for [m].
@@ -30,14 +30,14 @@ class Probe:
 
     def __init__(
         self,
-        follower: ToolFollower,
+        planner: CartesianPlanner,
         reference: Reference,
-        planned: Rollout,
+        planned: TimedTrajectory,
         distance: float,
         params: ProbeParams,
         began: float,
     ) -> None:
-        self._follower = follower
+        self._planner = planner
         self._reference = reference
         self._planned = planned
         self._distance = distance
@@ -48,7 +48,7 @@ class Probe:
         self._goal = 0.0
         self._since_contact: float | None = None
         self._felt = self._blind = False
-        self._ending: Ending | None = None
+        self._termination: Termination | None = None
         self._fraction = 0.0
 
     @property
@@ -63,14 +63,16 @@ class Probe:
         self._fraction = min(1.0, travel / self._distance)
         force = self._force.update(now, seen.wrench)
         resting = clock >= self._reference.end
-        if self._ending is not None:
-            return Step(ending=self._ending) if resting else Step()
+        if self._termination is not None:
+            return Step(termination=self._termination) if resting else Step()
         if seen.vacuum:
-            return self._halt(clock, commanded, Ending(MotionReason.VACUUM, "", True))
+            return self._halt(clock, commanded, Termination(MotionReason.VACUUM, "", True))
         size = float(np.linalg.norm(force))
         if not size <= self._params.force_limit:
             message = f"{size:.0f} N while probing (limit {self._params.force_limit:.0f} N)"
-            return self._halt(clock, commanded, Ending(MotionReason.FORCE_LIMIT, message, True))
+            return self._halt(
+                clock, commanded, Termination(MotionReason.FORCE_LIMIT, message, True)
+            )
         if self._since_contact is not None:
             return self._wait_for_vacuum(clock, resting)
         if self._pauses(seen):
@@ -93,13 +95,13 @@ class Probe:
         self._goal = float(self._reference.travel(self._reference.end).position[0])
         return step
 
-    def stop(self, now: float, commanded: JointState, ending: Ending) -> Step:
+    def stop(self, now: float, commanded: JointState, termination: Termination) -> Step:
         """Brake along the direction, then end as told."""
-        return self._halt(now - self._began, commanded, ending)
+        return self._halt(now - self._began, commanded, termination)
 
     def _advance(self, clock: float, commanded: JointState) -> Step:
         if self._goal >= self._reachable - 1e-9:
-            return Step(ending=self._nothing_found())
+            return Step(termination=self._nothing_found())
         params = self._params
         if self._goal < params.free_distance and self._goal == 0.0:
             step, speed = min(params.free_distance, self._distance), params.free_speed
@@ -108,19 +110,19 @@ class Probe:
         self._goal = min(self._goal + step, self._reachable)
         return self._issue(clock, commanded, Bounds(speed).scaled(self._planned.slowing))
 
-    def _nothing_found(self) -> Ending:
+    def _nothing_found(self) -> Termination:
         if self._planned.problem:
             reason = MotionReason(self._planned.problem)
             message = (
                 f"the arm reaches only {self._reachable * 100:.0f} of "
                 f"{self._distance * 100:.0f} cm: {self._planned.detail}"
             )
-            return Ending(reason, message)
+            return Termination(reason, message)
         message = (
             f"no contact within {self._distance * 100:.0f} cm; the surface lies further away than "
             "the cloud says, or the cup passed its edge"
         )
-        return Ending(MotionReason.NO_CONTACT, message)
+        return Termination(MotionReason.NO_CONTACT, message)
 
     def _wait_for_vacuum(self, clock: float, resting: bool) -> Step:
         since = self._since_contact or 0.0
@@ -130,16 +132,16 @@ class Probe:
             f"contact, but no vacuum within {self._params.vacuum_wait:.1f} s; the cup sits on an "
             "edge or an uneven place, or the pump is off"
         )
-        return Step(ending=Ending(MotionReason.CONTACT, message, True))
+        return Step(termination=Termination(MotionReason.CONTACT, message, True))
 
-    def _halt(self, clock: float, commanded: JointState, ending: Ending) -> Step:
-        self._ending = ending
+    def _halt(self, clock: float, commanded: JointState, termination: Termination) -> Step:
+        self._termination = termination
         if clock >= self._reference.end:
-            return Step(ending=ending)
+            return Step(termination=termination)
         return self._braking(clock, commanded)
 
     def _braking(self, clock: float, commanded: JointState) -> Step:
-        self._reference, trajectory = self._follower.brake(
+        self._reference, trajectory = self._planner.brake(
             self._reference, clock, commanded, self._planned.path
         )
         return Step(trajectory)
@@ -151,10 +153,10 @@ class Probe:
             for slowing in _SLOWINGS:
                 candidate = replace(self._reference)
                 candidate.redirect(clock, self._goal, bounds.scaled(slowing))
-                rollout = self._follower.retimed(self._planned.path, candidate, clock, commanded)
-                if rollout.good:
+                timed = self._planner.retimed(self._planned.path, candidate, clock, commanded)
+                if timed.good:
                     self._reference = candidate
-                    return Step(rollout.trajectory)
-                detail = rollout.detail
+                    return Step(timed.trajectory)
+                detail = timed.detail
         message = f"the arm cannot go on along the probe: {detail}"
-        return Step(ending=Ending(MotionReason.SINGULARITY, message))
+        return Step(termination=Termination(MotionReason.SINGULARITY, message))

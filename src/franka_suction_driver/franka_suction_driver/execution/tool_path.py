@@ -10,12 +10,15 @@ from scipy.interpolate import CubicSpline
 
 from flowbothd_common.motion import JointTrajectory
 from flowbothd_common.types import Array
-from franka_suction_driver.execution.tool_motion import Reference, ToolLine
-from franka_suction_driver.execution.tool_solver import ToolSolver
+from franka_suction_driver.execution.local_ik import LocalIk
+from franka_suction_driver.execution.tool_reference import Reference, ToolLine
 
 _SPACING = 0.003
+"""Distance of two solved poses along the line [m]."""
 _STRAIGHT = 4e-4
+"""Largest deviation of the tip from the line between two solved poses [m]."""
 _FEWEST = 8
+"""Solved poses at least, for a spline with a sound second derivative."""
 
 
 @dataclass(frozen=True)
@@ -47,7 +50,7 @@ class ToolPath:
         """How far it goes [m]."""
         return float(self.travel[self.usable - 1])
 
-    def straight(self, line: ToolLine, solver: ToolSolver) -> int:
+    def straight(self, line: ToolLine, solver: LocalIk) -> int:
         """How many nodes there are before the tip leaves the line in between."""
         if len(self.solved) < 2:
             return len(self.solved)
@@ -79,7 +82,7 @@ class ToolPath:
         return JointTrajectory(names, times, spline(s), velocities, accelerations)
 
 
-def solve_path(line: ToolLine, start: Array, solver: ToolSolver) -> ToolPath:
+def solve_path(line: ToolLine, start: Array, solver: LocalIk) -> ToolPath:
     """Follow a line from `start` (J,), in equal steps, as far as the arm reaches.
 
     The path ends where the joints bend so much that the tip would leave the line between steps.
@@ -88,7 +91,7 @@ def solve_path(line: ToolLine, start: Array, solver: ToolSolver) -> ToolPath:
     return replace(path, usable=path.straight(line, solver))
 
 
-def _stepped(line: ToolLine, start: Array, solver: ToolSolver) -> ToolPath:
+def _stepped(line: ToolLine, start: Array, solver: LocalIk) -> ToolPath:
     count = max(_FEWEST, int(np.ceil(line.length / _SPACING)))
     travel = np.linspace(0.0, line.length, count + 1)
     nodes = [start]

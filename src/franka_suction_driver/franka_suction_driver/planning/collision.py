@@ -6,7 +6,8 @@ checked in some fifty microseconds, margins included.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 
 import coal
@@ -21,7 +22,10 @@ TABLE = "table"
 CLOUD = "cloud"
 HIDDEN = "what the cloud may hide"
 WORKSPACE = "the edge of the workspace"
+"""Names of things other than boxes, as messages show them."""
 _TABLE_SIZE = (4.0, 4.0, 0.1)
+"""Extents of the table's box [m]: wider than any arm reaches, thick enough that no link passes
+through it between two checked configurations."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +53,7 @@ class Margins:
 
 
 @dataclass(frozen=True)
-class Touch:
+class ContactPair:
     """Two things that are closer than their margin."""
 
     first: str
@@ -87,6 +91,7 @@ class CollisionChecker:
             raise ParameterError("size of an obstacle cell", got=cell, allowed="> 0 m")
         self._kinematics = kinematics
         self._margins = margins or Margins()
+        self._scene_margin = self._margins.scene
         self._cell = cell
         self._workspace = workspace
         self._data = kinematics.model.createData()
@@ -102,8 +107,28 @@ class CollisionChecker:
 
     @property
     def scene_margin(self) -> float:
-        """Usual distance kept from boxes and cloud [m]."""
-        return self._margins.scene
+        """Distance now kept from boxes and cloud [m]."""
+        return self._scene_margin
+
+    @contextmanager
+    def with_scene_margin(self, margin: float) -> Iterator[None]:
+        """Keep another distance from boxes and cloud [m] within a `with` block."""
+        before = self._scene_margin
+        self._set_scene_margin(margin)
+        try:
+            yield
+        finally:
+            self._set_scene_margin(before)
+
+    @contextmanager
+    def with_boxes(self, boxes: Iterable[Box]) -> Iterator[None]:
+        """Put other boxes in the place of the present ones within a `with` block."""
+        before = self._boxes
+        self.set_boxes(boxes)
+        try:
+            yield
+        finally:
+            self.set_boxes(before)
 
     @property
     def links(self) -> tuple[str, ...]:
@@ -147,17 +172,7 @@ class CollisionChecker:
         self._hidden = _some(hidden, "hidden obstacles")
         self._rebuild()
 
-    @property
-    def presumes(self) -> bool:
-        """Whether anything hidden is presumed."""
-        return self._hidden is not None
-
-    def set_scene_margin(self, margin: float) -> None:
-        """Keep another distance from boxes and cloud [m]; a new scene brings the usual one back."""
-        for k in self._scene_pairs:
-            self._geometry_data.collisionRequests[k].security_margin = margin
-
-    def touch(self, q: Array, *, contact_links: Sequence[str] = ()) -> Touch | None:
+    def touch(self, q: Array, *, contact_links: Sequence[str] = ()) -> ContactPair | None:
         """The first two things found closer than their margin, or None.
 
         Args:
@@ -179,12 +194,12 @@ class CollisionChecker:
         ):
             if result.isCollision():
                 objects = self._geometry.geometryObjects
-                return Touch(
+                return ContactPair(
                     _link_name(objects[pair.first].name), _link_name(objects[pair.second].name)
                 )
-        return Touch("the arm", "something")
+        return ContactPair("the arm", "something")
 
-    def touches(self, q: Array) -> frozenset[Touch]:
+    def touches(self, q: Array) -> frozenset[ContactPair]:
         """All pairs of things that are closer than their margin at joint positions (J,)."""
         self._allow(())
         pinocchio.computeCollisions(
@@ -193,7 +208,7 @@ class CollisionChecker:
         objects = self._geometry.geometryObjects
         outside = frozenset() if self._inside(q) else frozenset([self._edge()])
         return outside | frozenset(
-            Touch(_link_name(objects[pair.first].name), _link_name(objects[pair.second].name))
+            ContactPair(_link_name(objects[pair.first].name), _link_name(objects[pair.second].name))
             for pair, result in zip(
                 self._geometry.collisionPairs, self._geometry_data.collisionResults, strict=True
             )
@@ -222,14 +237,19 @@ class CollisionChecker:
         count = int(np.ceil(np.abs(end - start).max() / resolution))
         return all(self.free(start + (end - start) * t) for t in _coarse_to_fine(count))
 
+    def _set_scene_margin(self, margin: float) -> None:
+        self._scene_margin = margin
+        for k in self._scene_pairs:
+            self._geometry_data.collisionRequests[k].security_margin = margin
+
     def _inside(self, q: Array) -> bool:
         if self._workspace is None:
             return True
         tip = self._kinematics.tip(q).position
         return bool((tip >= self._workspace[0]).all() and (tip <= self._workspace[1]).all())
 
-    def _edge(self) -> Touch:
-        return Touch(self._kinematics.tip_frame, WORKSPACE)
+    def _edge(self) -> ContactPair:
+        return ContactPair(self._kinematics.tip_frame, WORKSPACE)
 
     def _allow(self, links: tuple[str, ...]) -> None:
         if links == self._allowed:
@@ -262,7 +282,7 @@ class CollisionChecker:
         for shape in self._scene_shapes():
             index = geometry.addGeometryObject(shape)
             pairs += [(i, index) for i in movable]
-            margins += [self._margins.scene] * len(movable)
+            margins += [self._scene_margin] * len(movable)
         for first, second in pairs:
             geometry.addCollisionPair(pinocchio.CollisionPair(first, second))
         self._geometry = geometry

@@ -20,7 +20,10 @@ from franka_suction_driver.arm.kinematics import (
 from franka_suction_driver.arm.limits import PositionBox
 
 _MAX_STEP = 0.3
+"""Largest joint step of an iteration [rad]: the linearisation holds no further."""
 _DAMPING = 0.02
+"""Damping of steps from far seeds [m or rad per rad]: stronger than along a path, against
+singularities."""
 FOLLOW_DAMPING = 0.01
 """Damping of steps along a path, where every pose is near the last [m or rad per rad]."""
 SOFT_ZONE = 0.25

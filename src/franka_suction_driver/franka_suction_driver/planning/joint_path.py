@@ -11,18 +11,13 @@ from itertools import pairwise
 import numpy as np
 from scipy.interpolate import BSpline
 
-from flowbothd_common.motion import JointTrajectory
+from flowbothd_common.motion import JointState, JointTrajectory
 from flowbothd_common.types import Array
 from franka_suction_driver.arm.limits import JointLimits
-from franka_suction_driver.arm.trajectory import (
-    JointState,
-    Profile,
-    joint_move,
-    move_to,
-    sample_times,
-)
+from franka_suction_driver.arm.trajectory import Profile, joint_move, move_to, sample_times
 
 _DEGREE = 3
+"""Degree of the spline: cubic, so that accelerations are continuous."""
 
 
 class SmoothPath:

@@ -1,43 +1,42 @@
-"""Approach and Retreat: which arm configuration to go to, and how to get there without touching.
-
-The configuration at the standoff is chosen for what comes after it: among all that reach it,
-those from which the contact and then the longest part of the opening stay reachable.
-"""
+"""Planning of Approach and Retreat: collision-free joint motions from rest to rest."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from flowbothd_common.motion import JointTrajectory, MotionReason
-from flowbothd_common.transforms import rotation_about, unit
 from flowbothd_common.types import Array, JointEstimate
 from franka_suction_driver.arm.kinematics import Kinematics
 from franka_suction_driver.arm.limits import JointLimits, PositionBox
-from franka_suction_driver.execution.envelope import workspace
+from franka_suction_driver.execution.safety_monitor import workspace
 from franka_suction_driver.params import MotionParams
 from franka_suction_driver.planning.collision import Box, CollisionChecker, Margins
-from franka_suction_driver.planning.continuation import (
+from franka_suction_driver.planning.departure import escape, leaves_and_stays_free
+from franka_suction_driver.planning.inverse_kinematics import follow
+from franka_suction_driver.planning.joint_path import SmoothPath, stop_and_go
+from franka_suction_driver.planning.opening_path import (
     PlateExtent,
-    ToolPoses,
     moving_part,
-    opening_poses,
     plate_extent,
     swings,
 )
-from franka_suction_driver.planning.escape import TOOL_LINKS, escape, leaves_and_stays_free
-from franka_suction_driver.planning.inverse_kinematics import follow, solve
-from franka_suction_driver.planning.joint_path import SmoothPath, stop_and_go
-from franka_suction_driver.planning.path_search import find_path, shorten
+from franka_suction_driver.planning.rrt_connect import find_path, shorten
+from franka_suction_driver.planning.standoff import FOLLOW_TOLERANCE, StandoffSearch
 
-_GOALS = 8
-_CANDIDATES = 24
+_NEAR_HOME = 8
+"""Free configurations near a taken start pose that are kept as goals of a retreat [-]."""
+_HOME_TURNS = (0.0, 0.4, -0.4, 0.8, -0.8, 1.2, -1.2)
+"""Turns of the first joint out of a start pose that is taken [rad]."""
+_HOME_LIFTS = (0.15, 0.3, 0.45, 0.6, 0.8)
+"""Turns of the second joint backwards, which lift the tool, out of a taken start pose [rad]."""
 _UNFOLDING = 0.03
-_FOLLOW_TOLERANCE = 0.003
+"""Pull towards the middle of the joint ranges while backing off [-]: it unfolds the arm."""
+_BACK_OFF_SPACING = 0.01
+"""Largest distance between two checked poses of backing off [m]: below the scene margin."""
 _SPACINGS = (0.3, 0.15, 0.07)
-_ROOM_FACTORS = (4.0, 2.0, 1.0)
+"""Distances of spline control points to try, roundest corners first [rad]."""
 
 
 @dataclass(frozen=True)
@@ -55,16 +54,6 @@ class PlannedMotion:
     message: str
     trajectory: JointTrajectory | None = None
     side: int = 1
-
-
-@dataclass(frozen=True)
-class _Branches:
-    """Configurations at the standoff, best first, or why there are none."""
-
-    reason: MotionReason
-    message: str
-    standoffs: Array
-    reach: float = 0.0
 
 
 class Planner:
@@ -95,6 +84,7 @@ class Planner:
             workspace=workspace(params.safety),
         )
         self._box: PositionBox = limits.box(params.robot.position_margin)
+        self._standoffs = StandoffSearch(kinematics, self.collision, self._box, params)
 
     def approach(
         self,
@@ -138,9 +128,8 @@ class Planner:
         """
         if part is None:
             return self._retreat(start, rng)
-        self.collision.set_boxes([part])
-        planned = self._retreat(start, rng)
-        self.collision.set_boxes([])
+        with self.collision.with_boxes([part]):
+            planned = self._retreat(start, rng)
         return planned if planned.trajectory is not None else self._retreat(start, rng)
 
     def _retreat(self, start: Array, rng: np.random.Generator) -> PlannedMotion:
@@ -165,14 +154,12 @@ class Planner:
 
     def _near_home(self, home: Array) -> Array:
         """(G, J) free configurations around the start pose, nearest first."""
-        turns = np.array([0.0, 0.4, -0.4, 0.8, -0.8, 1.2, -1.2])
-        lifts = np.array([0.15, 0.3, 0.45, 0.6, 0.8])
-        offsets = np.array([(turn, -lift) for turn in turns for lift in lifts])
+        offsets = np.array([(turn, -lift) for turn in _HOME_TURNS for lift in _HOME_LIFTS])
         offsets = offsets[np.argsort(np.abs(offsets).sum(axis=1), kind="stable")]
         candidates = np.tile(home, (len(offsets), 1))
         candidates[:, :2] += offsets
         free = [q for q in self._box.clip(candidates) if self.collision.free(q)]
-        return np.array(free[:_GOALS])
+        return np.array(free[:_NEAR_HOME])
 
     def _approach_from(
         self,
@@ -184,40 +171,18 @@ class Planner:
         rng: np.random.Generator,
     ) -> PlannedMotion:
         planning = self._params.planning
-        slack = planning.tilt_slack if side > 0 else self._params.flow_step.push_lag
         part = None
         if swings(joint, contact):
             extent = plate_extent(contact, direction, joint, self.collision.points)
             part = moving_part(
                 contact, direction, side, joint, PlateExtent(extent.low, extent.high)
             )
-        self.collision.set_boxes([] if part is None else [part])
-        branches: _Branches | None = None
-        for tilt in _tilts(direction, planning.tilt_slack):
-            poses = opening_poses(
-                contact,
-                direction,
-                side,
-                self._params.approach.standoff,
-                planning.lookahead,
-                joint,
-                tilt=tilt,
-                back_off=self._params.approach.back_off,
-                tilt_slack=slack,
-            )
-            found = self._branches(start, poses, part, rng)
-            # What kept the straight tool away is the better explanation.
-            if branches is None or len(found.standoffs):
-                branches = found
-            if len(found.standoffs):
-                break
-        self.collision.set_boxes([])
-        if branches is None:
-            raise RuntimeError("no tilt was tried")
-        if not len(branches.standoffs):
-            return PlannedMotion(branches.reason, branches.message, side=side)
-        if side < 0 and branches.reach < planning.min_push_fraction:
-            message = f"only {branches.reach:.0%} of the opening could be pushed"
+        with self.collision.with_boxes([] if part is None else [part]):
+            found = self._standoffs.best(side, start, contact, direction, joint, part, rng)
+        if not len(found.configurations):
+            return PlannedMotion(found.reason, found.message, side=side)
+        if side < 0 and found.reach < planning.min_push_fraction:
+            message = f"only {found.reach:.0%} of the opening could be pushed"
             return PlannedMotion(MotionReason.UNREACHABLE, message, side=side)
         touch = self.collision.touch(start)
         if touch is not None:
@@ -226,98 +191,11 @@ class Planner:
                 f"the arm already touches: {touch}; retreat first, or check the object cloud",
                 side=side,
             )
-        joined = self._connect(start, branches.standoffs, rng)
+        joined = self._connect(start, found.configurations, rng)
         if joined is None:
             return PlannedMotion(MotionReason.UNREACHABLE, self._no_path("the standoff"), side=side)
-        note = "" if branches.reach >= 1 else f"only {branches.reach:.0%} of the opening reachable"
+        note = "" if found.reach >= 1 else f"only {found.reach:.0%} of the opening reachable"
         return PlannedMotion(MotionReason.REACHED, note, self._timed(joined[0]), side)
-
-    def _branches(
-        self, start: Array, poses: ToolPoses, part: Box | None, rng: np.random.Generator
-    ) -> _Branches:
-        """Free standoff configurations from which the contact is reached, best first."""
-        none = np.empty((0, self._kinematics.dof))
-        seeds = np.vstack(
-            [
-                start,
-                self._params.robot.start_positions,
-                self._box.sample(rng, self._params.planning.ik_seeds),
-            ]
-        )
-        found = solve(self._kinematics, self._box, seeds, poses.positions[0], poses.axes[0])
-        if not len(found):
-            return _Branches(MotionReason.UNREACHABLE, self._out_of_reach(poses, 0), none)
-        path = follow(self._kinematics, self._box, found, poses.positions, poses.axes)
-        bad = path.error > _FOLLOW_TOLERANCE
-        reach = np.where(bad.any(axis=1), bad.argmax(axis=1), len(poses.positions))
-        if reach.max() <= poses.contact:
-            return _Branches(MotionReason.UNREACHABLE, self._out_of_reach(poses, 1), none)
-        touches: list[str] = []
-        free = self._roomy_branches(path.positions, reach, poses, part, touches)
-        if free.max() <= poses.contact:
-            where = touches[0] if touches else "the arm with the scene"
-            return _Branches(MotionReason.COLLISION, f"at the contact touches: {where}", none)
-        best = np.flatnonzero(free == free.max())
-        # Roomy joints first, then the short way: as many radians of travel as radians of margin.
-        room = np.minimum(path.margin[best, : free.max()].min(axis=1), 0.3)
-        travel = np.abs(found[best] - start).max(axis=1)
-        ranked = best[np.argsort(0.2 * travel - room)]
-        if free.max() < len(poses.positions):
-            ranked = self._least_blocked(ranked[:_CANDIDATES], path.positions, reach, poses, part)
-        total = poses.opened - poses.contact
-        followed = 1.0 if total == 0 else (free.max() - 1 - poses.contact) / total
-        return _Branches(
-            MotionReason.REACHED, "", found[ranked[:_GOALS]], min(1.0, float(followed))
-        )
-
-    def _roomy_branches(
-        self, paths: Array, reach: Array, poses: ToolPoses, part: Box | None, touches: list[str]
-    ) -> Array:
-        """How far each branch is free; with more room than needed, if a whole opening has it."""
-        free = np.zeros(len(paths), dtype=int)
-        for factor in _ROOM_FACTORS:
-            self.collision.set_scene_margin(factor * self.collision.scene_margin)
-            touches.clear()
-            free = np.zeros(len(paths), dtype=int)
-            for i in np.argsort(-reach, kind="stable"):
-                if reach[i] <= max(poses.contact, free.max() - 1):
-                    break
-                free[i] = self._free_poses(paths[i, : reach[i]], poses, part, touches)
-            if free.max() == len(poses.positions):
-                break
-        self.collision.set_scene_margin(self.collision.scene_margin)
-        return free
-
-    def _least_blocked(
-        self,
-        ranked: NDArray[np.intp],
-        paths: Array,
-        reach: Array,
-        poses: ToolPoses,
-        part: Box | None,
-    ) -> NDArray[np.intp]:
-        """Those of some branches that get farthest without any margin.
-
-        What is seen is kept from by more than it takes; where that blocks the opening, flow steps
-        go on all the same, and branches differ in what they then really touch.
-        """
-        self.collision.set_scene_margin(0.0)
-        counts = [self._free_poses(paths[i, : reach[i]], poses, part, []) for i in ranked]
-        self.collision.set_scene_margin(self.collision.scene_margin)
-        return np.array([i for i, n in zip(ranked, counts, strict=True) if n == max(counts)])
-
-    def _free_poses(
-        self, path: Array, poses: ToolPoses, part: Box | None, touches: list[str]
-    ) -> int:
-        """How many configurations are free; the cup may touch, once it has left standoff."""
-        for k, q in enumerate(path):
-            if part is not None:
-                self.collision.move_box(part.name, poses.part[k] @ part.pose)
-            touch = self.collision.touch(q, contact_links=() if k == 0 else TOOL_LINKS)
-            if touch is not None:
-                touches.append(str(touch))
-                return k
-        return len(path)
 
     def _connect(
         self, start: Array, goals: Array, rng: np.random.Generator
@@ -355,39 +233,18 @@ class Planner:
         """(K, J) straight back along the tool axis from `start`, as far as the arm reaches."""
         tip = self._kinematics.tip(start)
         distance = self._params.approach.back_off
-        ways = np.linspace(0.0, distance, max(2, int(np.ceil(distance / 0.01)) + 1))
+        ways = np.linspace(0.0, distance, max(2, int(np.ceil(distance / _BACK_OFF_SPACING)) + 1))
         positions = tip.position - np.outer(ways, tip.axis)
         axes = np.tile(tip.axis, (len(ways), 1))
         path = follow(
             self._kinematics, self._box, start[None], positions, axes, centring=_UNFOLDING
         )
-        bad = np.flatnonzero(path.error[0] > _FOLLOW_TOLERANCE)
+        bad = np.flatnonzero(path.error[0] > FOLLOW_TOLERANCE)
         count = bad[0] if len(bad) else len(ways)
         return np.concatenate([start[None], path.positions[0, 1 : max(1, count)]])
-
-    def _out_of_reach(self, poses: ToolPoses, stage: int) -> str:
-        where = "standoff" if stage == 0 else "contact"
-        index = 0 if stage == 0 else poses.contact
-        position = np.round(poses.positions[index], 3).tolist()
-        axis = np.round(poses.axes[index], 2).tolist()
-        return (
-            f"no joint configuration takes the cup to the {where} {position} m with the tool along "
-            f"{axis}; move the object nearer to the arm or turn it"
-        )
 
     def _no_path(self, goal: str) -> str:
         return (
             f"no collision-free path to {goal} in {self._params.planning.max_iterations} steps; "
             "clear the space around the object or raise planning.max_iterations"
         )
-
-
-def _tilts(direction: Array, slack: float) -> list[Array]:
-    """(3, 3) turns of the tool to try: none, then by `slack` [rad] to four sides."""
-    tilts = [np.eye(3)]
-    if slack > 0:
-        side = np.eye(3)[int(np.argmin(np.abs(direction)))]
-        first = unit(np.cross(direction, side))
-        for axis in (first, np.cross(direction, first)):
-            tilts += [rotation_about(axis, slack), rotation_about(axis, -slack)]
-    return tilts

@@ -22,7 +22,10 @@ from franka_suction_driver.suction.suction import SuctionMachine, SuctionStatus
 from franka_suction_driver.suction_params import SuctionParams
 
 _PERIOD = 0.05
+"""Period of the published state [s]."""
 _REPEAT = 0.5
+"""Period at which the set-point is sent again [s]: a pump or bridge that has restarted learns
+it."""
 _VACUUM_RANGE = (-1.0e4, 1.2e5)
 """Vacuum below ambient that a gauge can show: a little below zero, a little above all air [Pa]."""
 _CODES = {

@@ -24,9 +24,6 @@ from flowbothd_policy.predictor import FlowPredictor
 from sim_bridge.objects.model import ObjectModel
 from sim_bridge.objects.registry import load_object
 
-DIFFUSION = "diffusion"
-"""The name under which weights with a denoising chain are given, beside the compared methods."""
-
 COMPARED = ("flowbothd", "flowbot3d-ro", "flowbot3d-md")
 """The methods that the paper's analyses compare."""
 

@@ -1,4 +1,4 @@
-"""Memory for messages of megabytes: kept by the process, not requested for each one."""
+"""Allocator and garbage collector settings for nodes that handle messages of megabytes."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ import gc
 _TRIM_THRESHOLD, _MMAP_THRESHOLD = -1, -3
 """Names of the settings in mallopt(3)."""
 
-_LARGEST = 32 << 20
-"""What glibc takes at most as the size from which memory comes from the system each time."""
+_MMAP_THRESHOLD_BYTES = 32 << 20
+"""Size from which glibc maps a block by itself: the largest value that mallopt accepts."""
 
-_KEPT = 256 << 20
-"""Freed bytes that are kept."""
+_KEPT_BYTES = 256 << 20
+"""Freed memory that the process keeps: some forty clouds of 6 MB."""
 
 
 def keep_freed_memory() -> bool:
@@ -23,13 +23,13 @@ def keep_freed_memory() -> bool:
     as everything that is done with its points.
 
     Returns:
-        True if the C library supports it; without it, messages only take longer.
+        True if the C library accepts the settings; without them everything still works, slower.
     """
     try:
         mallopt = ctypes.CDLL(None).mallopt
     except (OSError, AttributeError):
         return False
-    settings = ((_MMAP_THRESHOLD, _LARGEST), (_TRIM_THRESHOLD, _KEPT))
+    settings = ((_MMAP_THRESHOLD, _MMAP_THRESHOLD_BYTES), (_TRIM_THRESHOLD, _KEPT_BYTES))
     return all(mallopt(name, value) == 1 for name, value in settings)
 
 

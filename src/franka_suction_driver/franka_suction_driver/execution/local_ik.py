@@ -22,13 +22,19 @@ from franka_suction_driver.planning.inverse_kinematics import (
 )
 
 _TOLERANCE = 5e-4
+"""Position error of a pose that counts as reached [m]."""
 _MOST_STEPS = 12
+"""Newton steps at most: the budget of one control tick."""
 _EXACT_STEPS = 3
+"""Newton steps before the tilt may give way: next to the pose before, three are enough."""
 _GIVING_WAY = np.array([1.0, 1.0, 1.0, 0.05, 0.05])
+"""Weights of the task error (3 position, 2 tilt) while the tilt gives way [-]: position comes
+first."""
 _DAMPING = FOLLOW_DAMPING**2 * np.eye(5)
+"""Damping of the normal equations [-], as in `inverse_kinematics.limited_step`."""
 
 
-class ToolSolver:
+class LocalIk:
     """Finds configurations next to given ones.
 
     Args:

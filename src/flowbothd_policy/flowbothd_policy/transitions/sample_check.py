@@ -1,4 +1,4 @@
-"""Judges one sampled flow field: consistency check, repetition of what failed, grasp."""
+"""Check of one sampled flow field: consistency, repetition of a failed pull, grasp."""
 
 from __future__ import annotations
 
@@ -11,25 +11,27 @@ from flowbothd_common.transforms import angle_between
 from flowbothd_common.types import Array, Cloud
 from flowbothd_policy.grasp_selection import Grasp, Place, select_grasp
 from flowbothd_policy.history import is_consistent
-from flowbothd_policy.state import Choice, Turn
+from flowbothd_policy.state import Choice
+from flowbothd_policy.transitions.transition import Transition
 
 _CLEARLY = np.radians(20.0)
+"""Angle beyond `consistency_angle` from which the largest flow alone rejects a sample [rad]."""
 _REPEATS = "it repeats a pull that did not move the part"
 
 
 def assess(
-    turn: Turn, points: Cloud, flow: NDArray[np.float32], row: int, stamp: float
+    transition: Transition, points: Cloud, flow: NDArray[np.float32], row: int, stamp: float
 ) -> tuple[Choice | None, str]:
     """Judge one sample: the choice with its penalty, and why; None if nothing moves in it.
 
     Up to fifty samples are judged for one step, nearly all of them to be rejected, and choosing
     a grasp costs much more than the checks; what its largest flow alone rules out gets none.
     """
-    quick = _ruled_out(turn, points, flow)
+    quick = _ruled_out(transition, points, flow)
     if quick is not None:
         grasp, penalty, why = quick
         return Choice(grasp, flow, row, stamp, penalty, complete=False), why
-    state, params = turn.state, turn.params
+    state, params = transition.state, transition.params
     avoid = () if state.attached else state.avoided
     chosen = select_grasp(
         points,
@@ -48,7 +50,7 @@ def assess(
     consistent, angle = is_consistent(chosen.flow, state.memory, params, attached=state.attached)
     if not consistent:
         penalty, why = max(penalty, angle), _off(angle)
-    repeated = _repeats(turn, points, flow, chosen)
+    repeated = _repeats(transition, points, flow, chosen)
     if repeated is not None:
         penalty, why = max(penalty, np.pi + repeated), _REPEATS
     elif penalty == 0 and np.isfinite(angle):
@@ -56,11 +58,11 @@ def assess(
     return Choice(chosen, flow, row, stamp, penalty), why
 
 
-def completed(turn: Turn, points: Cloud, choice: Choice) -> Choice:
+def completed(transition: Transition, points: Cloud, choice: Choice) -> Choice:
     """A rejected choice with its grasp chosen properly, to be executed after all."""
     if choice.complete:
         return choice
-    params = turn.params
+    params = transition.params
     grasp = select_grasp(points, choice.flow, params.grasp, leverage=params.leverage)
     return choice if grasp is None else replace(choice, grasp=grasp, complete=True)
 
@@ -70,7 +72,7 @@ def _off(angle: float) -> str:
 
 
 def _ruled_out(
-    turn: Turn, points: Cloud, flow: NDArray[np.float32]
+    transition: Transition, points: Cloud, flow: NDArray[np.float32]
 ) -> tuple[Grasp, float, str] | None:
     """Grasp at the largest flow, penalty and reason where the sample is out of the question."""
     norms = np.linalg.norm(flow, axis=1)
@@ -80,28 +82,30 @@ def _ruled_out(
         return None
     own = flow[top].astype(float)
     grasp = Grasp(top, points[top].astype(float), own, largest, largest, None)
-    repeated = _repeats(turn, points, flow, grasp)
+    repeated = _repeats(transition, points, flow, grasp)
     if repeated is not None:
         return grasp, np.pi + repeated, _REPEATS
     consistent, angle = is_consistent(
-        own, turn.state.memory, turn.params, attached=turn.state.attached
+        own, transition.state.memory, transition.params, attached=transition.state.attached
     )
     # The largest flow is a noisy one: only what is far off may be judged by it.
-    if not consistent and angle > turn.params.consistency_angle + _CLEARLY:
+    if not consistent and angle > transition.params.consistency_angle + _CLEARLY:
         return grasp, angle, _off(angle)
     return None
 
 
-def _repeats(turn: Turn, points: Cloud, flow: NDArray[np.float32], grasp: Grasp) -> float | None:
+def _repeats(
+    transition: Transition, points: Cloud, flow: NDArray[np.float32], grasp: Grasp
+) -> float | None:
     """Return how closely a sample repeats a refuted pull [rad], or None if it does not.
 
     A pull at one place refutes every motion that would have let it succeed. So a sample is
     compared where the pull was made, not only where it would itself grasp: a door's free edge is
     long, and the same wrong hinge must not be tried again a hand's breadth higher.
     """
-    params = turn.params
+    params = transition.params
     worst: float | None = None
-    for place in turn.state.refuted:
+    for place in transition.state.refuted:
         agreements = []
         near = np.linalg.norm(grasp.point - place.point) < place.radius
         off = angle_between(grasp.flow, place.direction)

@@ -7,7 +7,7 @@ import pytest
 
 FAULTS = """
 import resource, sys
-from flowbothd_common.memory import keep_freed_memory
+from flowbothd_common.malloc_tuning import keep_freed_memory
 
 if "keep" in sys.argv and not keep_freed_memory():
     sys.exit(3)
@@ -42,7 +42,7 @@ def test_frames_find_the_memory_of_those_before_them():
 def test_what_stays_is_not_looked_through_again():
     import gc
 
-    from flowbothd_common.memory import spare_what_stays
+    from flowbothd_common.malloc_tuning import spare_what_stays
 
     before = gc.get_freeze_count()
     try:

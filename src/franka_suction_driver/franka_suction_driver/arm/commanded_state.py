@@ -1,16 +1,14 @@
-"""Keeps track of what the arm has been commanded to do, from the trajectories that were issued."""
+"""Commanded state of the arm at any time, from the trajectories that were issued."""
 
 from __future__ import annotations
 
-import numpy as np
-
-from flowbothd_common.motion import JointTrajectory
+from flowbothd_common.motion import JointState, JointTrajectory
 from flowbothd_common.types import Array
-from franka_suction_driver.arm.trajectory import JointState, state_at
+from franka_suction_driver.arm.trajectory import state_at
 
 
-class Commander:
-    """The commanded joint state at any time, as a JointTrajectoryController would have it.
+class CommandedState:
+    """The commanded joint state at any time, as a JointTrajectoryController computes it.
 
     A new trajectory replaces the running one at the moment it is issued and is entered from the
     state that was commanded then.
@@ -22,38 +20,32 @@ class Commander:
         self._since = 0.0
 
     def reset(self, position: Array) -> None:
-        """The arm is known to rest at (J,) [rad]."""
+        """Set the commanded state to rest at (J,) [rad]."""
         self._trajectory = None
         self._start = JointState.at_rest(position)
 
     def issue(self, trajectory: JointTrajectory, now: float) -> None:
-        """A trajectory goes out at `now` [s, node clock].
+        """Replace the running trajectory at `now` [s, node clock].
 
         Raises:
-            RuntimeError: `reset` has never told where the arm is.
+            RuntimeError: `reset` was never called.
         """
         self._start = self.state(now)
         self._trajectory = trajectory
         self._since = now
 
     def state(self, now: float) -> JointState:
-        """Commanded state at `now`.
+        """Return the commanded state at `now` [s, node clock].
 
         Raises:
-            RuntimeError: `reset` has never told where the arm is.
+            RuntimeError: `reset` was never called.
         """
         if self._start is None:
-            raise RuntimeError("the commander was not told where the arm is; call reset first")
+            raise RuntimeError("the commanded state is unknown; call reset with the arm's position")
         if self._trajectory is None:
             return self._start
         return state_at(self._trajectory, self._start, now - self._since)
 
     def finished(self, now: float) -> bool:
-        """Whether the last trajectory has run out by `now`."""
+        """Return True if the last trajectory has run out by `now`."""
         return self._trajectory is None or now - self._since >= self._trajectory.times[-1]
-
-    def fraction(self, now: float) -> float:
-        """How much of the last trajectory's time has passed, 0..1."""
-        if self._trajectory is None:
-            return 1.0
-        return float(np.clip((now - self._since) / self._trajectory.times[-1], 0.0, 1.0))

@@ -6,16 +6,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from flowbothd_common.motion import JointTrajectory
+from flowbothd_common.motion import JointState, JointTrajectory
 from flowbothd_common.types import Array
 from franka_suction_driver.arm.limits import JointLimits, Violation
-from franka_suction_driver.arm.trajectory import JointState
 
 _PARTS = np.linspace(0.0, 1.0, 5)
+"""Places of an interval between two points that are checked [-], ends included: in between,
+positions and velocities change by less than a thousandth."""
 
 
 @dataclass(frozen=True)
-class FineSamples:
+class TrajectorySamples:
     """A trajectory as a controller commands it, sampled between its points.
 
     Attributes:
@@ -95,7 +96,7 @@ def _inside(*places: Array) -> Array:
 
 def fine_samples(
     trajectory: JointTrajectory, start: JointState, parts: Array = _PARTS
-) -> FineSamples:
+) -> TrajectorySamples:
     """Sample every interval, the first from `start` on, at `parts` (P,) of it, 0..1."""
     between = _Quintics.of(trajectory, start)
     u = parts[:, None, None]
@@ -103,7 +104,7 @@ def fine_samples(
     def rolled(values: Array) -> Array:
         return np.asarray(values.swapaxes(0, 1).reshape(-1, values.shape[-1]))
 
-    return FineSamples(
+    return TrajectorySamples(
         (_begins(trajectory) + between.h * parts).ravel(),
         rolled(between.position(u)),
         rolled(between.velocity(u)),

@@ -1,22 +1,21 @@
-"""Collects what the result of a motion has to tell."""
+"""Statistics of one motion, as its result reports them."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from flowbothd_common.motion import MotionKind, MotionResult, RobotObservation
+from flowbothd_common.motion import JointState, MotionKind, MotionResult, RobotObservation
 from franka_suction_driver.arm.kinematics import Kinematics
-from franka_suction_driver.arm.trajectory import JointState
-from franka_suction_driver.execution.motion_step import Ending
+from franka_suction_driver.execution.motion_step import Termination
 
 
-class Recorder:
-    """Measured tool motion, peak wrench and lag between begin and end of one motion.
+class MotionStats:
+    """Accumulate tool motion, peak wrench and tracking error over one motion.
 
     Args:
         kind: Which motion.
-        robot: For the tool's pose at the measured joint positions.
-        observation: At the begin.
+        robot: Gives the tool's pose at the measured joint positions.
+        observation: At the begin of the motion.
     """
 
     def __init__(self, kind: MotionKind, robot: Kinematics, observation: RobotObservation) -> None:
@@ -27,8 +26,8 @@ class Recorder:
         self._peak = np.zeros(6)
         self._max_lag = 0.0
 
-    def see(self, observation: RobotObservation, commanded: JointState) -> None:
-        """Note one observation."""
+    def add(self, observation: RobotObservation, commanded: JointState) -> None:
+        """Take in one observation."""
         lag = float(np.abs(observation.positions - commanded.position).max())
         self._max_lag = max(self._max_lag, lag)
         if observation.wrench is None:
@@ -38,17 +37,17 @@ class Recorder:
                 self._peak[part] = observation.wrench[part]
 
     def result(
-        self, ending: Ending, fraction: float, observation: RobotObservation
+        self, termination: Termination, fraction: float, observation: RobotObservation
     ) -> MotionResult:
-        """The motion's result, the tool measured now."""
+        """Return the motion's result, with the tool as measured now."""
         return MotionResult(
             kind=self._kind,
-            reason=ending.reason,
-            message=ending.message,
+            reason=termination.reason,
+            message=termination.message,
             reached_fraction=fraction,
             tool_start=self._tool_start,
             tool_end=self._robot.pose(np.asarray(observation.positions, dtype=float)),
-            contact=ending.contact or observation.vacuum,
+            contact=termination.contact or observation.vacuum,
             vacuum=observation.vacuum,
             peak_wrench=self._peak.copy(),
             max_lag=self._max_lag,

@@ -1,4 +1,4 @@
-"""Leaving a contact: what touched may go on touching for a while, nothing else may begin to."""
+"""Departure from a contact: what touches may go on for a while, nothing else may begin to."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from franka_suction_driver.arm.kinematics import Kinematics
 from franka_suction_driver.arm.limits import JointLimits
 from franka_suction_driver.params import MotionParams
 from franka_suction_driver.planning.collision import CollisionChecker, Margins
-from franka_suction_driver.planning.escape import escape, leaves_and_stays_free
+from franka_suction_driver.planning.departure import escape, leaves_and_stays_free
 from franka_suction_driver.planning.inverse_kinematics import follow
 
 START = np.array(MotionParams().robot.start_positions)

@@ -13,14 +13,25 @@ from franka_suction_driver.planning.collision import Box
 
 MOVING_PART = "the moving part"
 _PROBE_POSES = 4
+"""Poses from the standoff to the contact."""
 _BACK_OFF_POSES = 3
+"""Poses of backing off after the opening."""
 _PLATE = 0.02
+"""Thickness of a swinging part [m]: a furniture panel."""
 _BEYOND = 0.03
+"""Least way that a part reaches beyond the contact, away from its axis [m]: the cup's radius of 15
+mm, twice."""
 _MOST_BEYOND = 0.15
+"""Farthest from the contact that points are still taken for the part [m]."""
 _MOST_TURN = 0.25
+"""Largest turn of the tool between two checked poses [rad]."""
 _GAP = 0.025
+"""Gap between observed points at which the part ends [m]: wider than the cells of the cloud,
+narrower than the gap to a neighbouring door."""
 _NEAR_PLATE = 0.03
+"""Distance from the part's plane within which points belong to it [m]: handles and noise."""
 _DEFAULT_HALF_HEIGHT = 0.1
+"""Half height of a part of which no point was observed [m]."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""What the motion core knows of a door that the arm hides from the camera."""
+"""Occluded volume behind surfaces, and a door that the arm hides from the camera."""
 
 from __future__ import annotations
 
@@ -8,7 +8,34 @@ import pytest
 from flowbothd_common.motion import MotionGoal, MotionKind, MotionReason, MotionResult
 from flowbothd_common.transforms import apply, transform
 from flowbothd_common.types import JointEstimate, JointKind
-from franka_suction_driver.planning.held import HeldPart
+from franka_suction_driver.planning.occlusion import OccludedPart, hidden_points
+
+EYE = np.array([0.0, -1.0, 0.5])
+CELL = 0.015
+
+
+def a_wall() -> np.ndarray:
+    x, z = np.meshgrid(np.linspace(-0.1, 0.1, 40), np.linspace(0.4, 0.6, 40))
+    return np.stack([x.ravel(), np.zeros(x.size), z.ravel()], axis=1).astype(np.float32)
+
+
+def test_the_hidden_depth_of_a_frame_is_occupied() -> None:
+    """The incident: the arm swung around a door and hit the back of a jamb, 8.5 cm deep."""
+    solid = hidden_points(a_wall(), EYE, depth=0.07, cell=CELL)
+    behind = np.array([0.0, 0.05, 0.5])
+    assert np.linalg.norm(solid - behind, axis=1).min() < CELL
+    assert 0.065 < solid[:, 1].max() < 0.072
+
+
+def test_nothing_is_presumed_towards_the_camera() -> None:
+    solid = hidden_points(a_wall(), EYE, depth=0.07, cell=CELL)
+    assert solid[:, 1].min() > 0.0
+
+
+def test_no_depth_and_no_points_hide_nothing() -> None:
+    assert hidden_points(a_wall(), EYE, depth=0.0, cell=CELL).shape == (0, 3)
+    assert hidden_points(np.empty((0, 3)), EYE, 0.07, CELL).shape == (0, 3)
+
 
 HINGE = JointEstimate(JointKind.REVOLUTE, np.array([0, 0, 1.0]), np.array([0.5, 0.2, 0.0]))
 CONTACT, PULL = np.array([0.5, 0.0, 0.3]), np.array([-1.0, 0.0, 0.0])
@@ -33,7 +60,7 @@ def stepped(goal: MotionGoal = STEP) -> MotionResult:
 
 
 def test_before_it_moves_the_part_is_where_it_was_seen() -> None:
-    held = HeldPart()
+    held = OccludedPart()
     held.approached(APPROACH, cloud())
     assert held.plate is None
     none = np.empty((0, 3), dtype=np.float32)
@@ -42,7 +69,7 @@ def test_before_it_moves_the_part_is_where_it_was_seen() -> None:
 
 def test_once_moved_it_is_a_plate_where_the_tool_held_it_and_what_stands_still_is_kept() -> None:
     """The incident: a departing arm pushed the leaf, and hit the frame, which both it hid."""
-    held = HeldPart()
+    held = OccludedPart()
     held.approached(APPROACH, cloud())
     held.stepped(STEP, stepped())
     plate = held.plate
@@ -64,7 +91,7 @@ def test_once_moved_it_is_a_plate_where_the_tool_held_it_and_what_stands_still_i
 
 def test_a_slide_leaves_no_plate_and_no_camera_no_cloud() -> None:
     line = JointEstimate(JointKind.PRISMATIC, PULL, np.zeros(3))
-    held = HeldPart()
+    held = OccludedPart()
     held.approached(MotionGoal(MotionKind.APPROACH, CONTACT, PULL, joint=line), None)
     goal = MotionGoal(MotionKind.FLOW_STEP, None, PULL, 0.05, line)
     held.stepped(goal, stepped(goal))
@@ -73,7 +100,7 @@ def test_a_slide_leaves_no_plate_and_no_camera_no_cloud() -> None:
 
 
 def test_another_approach_begins_anew() -> None:
-    held = HeldPart()
+    held = OccludedPart()
     held.approached(APPROACH, cloud())
     held.stepped(STEP, stepped())
     held.approached(APPROACH, cloud()[:7])

@@ -1,29 +1,41 @@
-"""The safety envelope around all motion: box, force, lag, speed, and a stop that stays."""
+"""Safety monitor of all motion: workspace, force, tracking error, speed and the latched stop."""
 
 from __future__ import annotations
 
+from collections import deque
 from dataclasses import replace
 
 import numpy as np
 
 from flowbothd_common.errors import MotionRejectedError, ParameterError
-from flowbothd_common.motion import JointTrajectory, MotionGoal, MotionReason, RobotObservation
+from flowbothd_common.motion import (
+    JointState,
+    JointTrajectory,
+    MotionGoal,
+    MotionReason,
+    RobotObservation,
+)
 from flowbothd_common.types import Array
 from franka_suction_driver.arm.kinematics import Kinematics
-from franka_suction_driver.arm.trajectory import JointState
-from franka_suction_driver.execution.lag import LagWatch
-from franka_suction_driver.execution.motion_step import Ending
+from franka_suction_driver.execution.motion_step import Termination
 from franka_suction_driver.params import MotionParams, SafetyParams
 
 _BEYOND_REACH = 2.0
+"""A workspace box that reaches this far on all sides is no restriction [m]: the arm and its tool
+reach little more than a metre from the base."""
 _SLACK = 1e-3
+"""Excess over the box that is accepted [m]: splines and quintics deviate from the planned poses by
+less than this."""
+_DELAY = 0.25
+"""Oldest command that an arm may still be following [s]: trajectories and joint states travel
+through the graph, and a controller starts one at its next cycle."""
 
 
-class Envelope:
-    """Judges goals, trajectories and observations, and remembers a latched stop.
+class SafetyMonitor:
+    """Judge goals, trajectories and observations, and hold the latched stop.
 
     Args:
-        params: Of the envelope.
+        params: Limits to hold.
         kinematics: The arm.
 
     Raises:
@@ -34,29 +46,29 @@ class Envelope:
         self._params = params
         self._kinematics = kinematics
         self._latched = ""
-        self._lag = LagWatch()
+        self._tracking = TrackingErrorWatch()
         self._box = workspace(params)
 
     @property
     def latched(self) -> str:
-        """Why nothing may move until `clear_stop`; empty if it may."""
+        """Reason why nothing may move until `clear_stop`; empty if the arm may move."""
         return self._latched
 
     def restart(self) -> None:
-        """Another motion begins, from where the arm is."""
-        self._lag.restart()
+        """Begin watching another motion, from where the arm is."""
+        self._tracking.restart()
 
     def latch(self, why: str) -> None:
-        """Let nothing move until `clear_stop`; the first reason is kept."""
+        """Refuse all motion until `clear_stop`; the first reason is kept."""
         self._latched = self._latched or why
 
     def clear_stop(self) -> str:
-        """Let motion begin again; returns what had stopped it, empty if nothing had."""
+        """Allow motion again; return the latched reason, empty if there was none."""
         why, self._latched = self._latched, ""
         return why
 
     def check_goal(self, goal: MotionGoal) -> None:
-        """Refuse what cannot be begun at all.
+        """Refuse a goal that must not begin.
 
         Raises:
             MotionRejectedError: a stop is latched, or the contact lies outside the workspace.
@@ -89,7 +101,7 @@ class Envelope:
             raise MotionRejectedError(f"cannot move: {problem}")
 
     def leaves(self, trajectory: JointTrajectory, start: JointState) -> str:
-        """Where a trajectory takes the tip out of the box, in words, or nothing.
+        """Return where a trajectory takes the tip out of the box, in words; empty if it does not.
 
         An arm that stands outside may come nearer to the box.
         """
@@ -109,8 +121,8 @@ class Envelope:
             "safety.workspace_min and workspace_max"
         )
 
-    def watch(self, seen: RobotObservation, commanded: JointState) -> Ending | None:
-        """What in an observation must end any motion; a force latches the stop as well."""
+    def watch(self, seen: RobotObservation, commanded: JointState) -> Termination | None:
+        """Return why an observation must end any motion, or None; a force also latches the stop."""
         params = self._params
         force = 0.0 if seen.wrench is None else float(np.linalg.norm(seen.wrench[:3]))
         if not force <= params.force_limit:
@@ -119,20 +131,50 @@ class Envelope:
                 "what it touches, free it, then call motion/clear_stop"
             )
             self.latch(message)
-            return Ending(MotionReason.FORCE_LIMIT, message, True)
-        lag = self._lag.lag(seen, commanded)
-        if lag <= params.lag_limit:
+            return Termination(MotionReason.FORCE_LIMIT, message, True)
+        error = self._tracking.error(seen, commanded)
+        if error <= params.lag_limit:
             return None
         message = (
-            f"the arm is {lag:.2f} rad off its command and does not follow: the controller holds "
+            f"the arm is {error:.2f} rad off its command and does not follow: the controller holds "
             "it or has rejected the trajectory, or the joint states are frozen; see the driver's "
             "log"
         )
-        return Ending(MotionReason.LAGGING, message)
+        return Termination(MotionReason.LAGGING, message)
+
+
+class TrackingErrorWatch:
+    """Tracking error that ignores a constant delay: distance from every recently commanded state.
+
+    An arm that follows late is where the command was a moment ago, however fast it moves. A blocked
+    arm soon differs from every recently commanded state. So a small limit separates the two.
+    """
+
+    def __init__(self) -> None:
+        self._lately: deque[tuple[float, Array]] = deque()
+
+    def restart(self) -> None:
+        """Forget what was commanded: another motion begins."""
+        self._lately.clear()
+
+    def error(self, seen: RobotObservation, commanded: JointState) -> float:
+        """Return the largest distance of a joint from its recently commanded positions [rad].
+
+        Args:
+            seen: What is measured.
+            commanded: Joint state that the arm is commanded to have at `seen.time`.
+        """
+        self._lately.append((seen.time, commanded.position))
+        # One position from before the window is kept: the way from there into the window counts.
+        while len(self._lately) > 1 and self._lately[1][0] <= seen.time - _DELAY:
+            self._lately.popleft()
+        way = np.array([position for _, position in self._lately])
+        below, above = way.min(axis=0) - seen.positions, seen.positions - way.max(axis=0)
+        return float(np.maximum(below, above).max())
 
 
 def workspace(params: SafetyParams) -> tuple[Array, Array] | None:
-    """Low and high corner (3,) of the workspace [m]; None for a box beyond every reach.
+    """Return low and high corner (3,) of the workspace [m]; None for a box beyond every reach.
 
     Raises:
         ParameterError: the box is empty.
@@ -149,7 +191,7 @@ def workspace(params: SafetyParams) -> tuple[Array, Array] | None:
 
 
 def slowed(params: MotionParams) -> MotionParams:
-    """The parameters with all speeds, of joints and of the tool, times safety.speed_scale."""
+    """Return the parameters with all joint and tool speeds scaled by safety.speed_scale."""
     scale = params.safety.speed_scale
     probe, step = params.probe, params.flow_step
     return replace(

@@ -7,9 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from flowbothd_common.motion import JointTrajectory
+from flowbothd_common.motion import JointState, JointTrajectory
 from flowbothd_common.types import Array
-from franka_suction_driver.arm.fine_check import fine_violation
 from franka_suction_driver.arm.kinematics import (
     Kinematics,
     conditioning,
@@ -17,31 +16,52 @@ from franka_suction_driver.arm.kinematics import (
     task_jacobian,
 )
 from franka_suction_driver.arm.limits import JointLimits, PositionBox, Violation
-from franka_suction_driver.arm.stopping import joint_stop
-from franka_suction_driver.arm.trajectory import JointState, sample_times
-from franka_suction_driver.execution.tool_motion import OFFSET_BOUNDS, Bounds, Reference, ToolLine
+from franka_suction_driver.arm.trajectory import joint_stop, sample_times
+from franka_suction_driver.arm.trajectory_check import fine_violation
+from franka_suction_driver.execution.local_ik import LocalIk
 from franka_suction_driver.execution.tool_path import ToolPath, solve_path
-from franka_suction_driver.execution.tool_solver import ToolSolver
+from franka_suction_driver.execution.tool_reference import (
+    OFFSET_BOUNDS,
+    Bounds,
+    Reference,
+    ToolLine,
+)
 
 STEP = 0.04
 """Time between two points of a tool trajectory [s]."""
 _SLOWINGS = (1.0, 0.6, 0.3, 0.15)
+"""Parts of the speed to try, fastest first [-]."""
 _SHORTENINGS = 5
+"""Lengths to try before a motion counts as impossible: each costs up to four timings."""
 _SLOWEST = 0.1
+"""Least part of the speed near singularities and joint limits [-]: slower, a step would never
+end."""
 _STEP_BACK = 0.004
+"""Way that a motion is shortened by beyond what breaks a limit [m]."""
 _BRAKINGS = (1.0, 0.7, 0.5, 0.35, 0.2, 0.1)
+"""Decelerations to try, hardest first [m/s^2]."""
+_JERK_PER_BRAKING = 40.0
+"""Jerk per deceleration while braking [1/s]: full deceleration after 25 ms."""
+_BRAKING_SPEED = 0.1
+"""Speed that `Bounds` asks for [m/s]; braking has no use for it."""
 _MOST_SAMPLES = 50
+"""Points of a trajectory at most: longer motions get sparser points, so that following a reference
+stays within a few milliseconds."""
 _OFFSET_SHARE = 0.6
-# Velocities are checked at five places between two points; the worst may lie between those.
+"""Part of the joints' acceleration that sideways motion may use [-]; the rest is for the motion
+along the direction."""
 _RESERVE = 0.02
-# The powers of the slowing by which velocity, acceleration and jerk shrink; positions stay.
+"""Part of every limit that planned motions leave free [-]: velocities are checked at five places
+between two points, and the worst may lie between those."""
 _POWERS = {"position": 0, "velocity": 1, "acceleration": 2, "jerk": 3}
-# Points lie elsewhere on a slower motion: what stays this much beyond a limit will not fit.
+"""Powers of the slowing by which velocity, acceleration and jerk shrink [-]; positions stay."""
 _DOUBT = 1.1
+"""Ratio to a limit above which a slower motion is not even tried [-]: its points lie elsewhere, so
+that a smaller excess may still vanish."""
 
 
 @dataclass(frozen=True)
-class Rollout:
+class TimedTrajectory:
     """A reference turned into joint motion.
 
     Attributes:
@@ -96,7 +116,7 @@ class SlowZones:
         return float(np.clip(part, _SLOWEST, 1.0))
 
 
-class ToolFollower:
+class CartesianPlanner:
     """Turns references into joint trajectories.
 
     Args:
@@ -118,10 +138,10 @@ class ToolFollower:
         self._kinematics = kinematics
         self._limits = limits
         self._box = box
-        self._solver = ToolSolver(kinematics, box, tilt_slack)
+        self._solver = LocalIk(kinematics, box, tilt_slack)
         self._zones = zones or SlowZones(0.0, 0.0)
 
-    def rollout(self, reference: Reference, now: float, start: JointState) -> Rollout:
+    def follow(self, reference: Reference, now: float, start: JointState) -> TimedTrajectory:
         """Follow the reference from `now` to its end, beginning in the commanded state `start`.
 
         Args:
@@ -138,7 +158,7 @@ class ToolFollower:
             reached = self._solver.reach(guess, *reference.pose(now + time))
             if reached is None:
                 travel = float(reference.travel(now + time).position[0])
-                return Rollout(None, travel, *self._why(q))
+                return TimedTrajectory(None, travel, *self._why(q))
             before, q = q, reached
             positions[k] = q
         rates = CubicSpline(
@@ -154,15 +174,17 @@ class ToolFollower:
         violation = fine_violation(self._limits, trajectory, start, -_RESERVE)
         if violation is not None:
             travel = float(reference.travel(now + violation.time).position[0])
-            return Rollout(trajectory, travel, detail=str(violation), excess=violation)
-        return Rollout(trajectory, float(reference.travel(reference.end).position[0]))
+            return TimedTrajectory(trajectory, travel, detail=str(violation), excess=violation)
+        return TimedTrajectory(trajectory, float(reference.travel(reference.end).position[0]))
 
-    def plan(self, line: ToolLine, bounds: Bounds, start: JointState) -> tuple[Reference, Rollout]:
+    def plan(
+        self, line: ToolLine, bounds: Bounds, start: JointState
+    ) -> tuple[Reference, TimedTrajectory]:
         """A reference from rest that is within reach and within the joint limits.
 
         It is slowed down until the limits hold and where the arm comes near a singularity or a
         joint limit, and shortened to what the arm can reach; what made it shorter is the problem
-        of the rollout. Without any way to go, the rollout has no trajectory.
+        of the timed. Without any way to go, the timed has no trajectory.
         """
         path = solve_path(line, start.position, self._solver)
         goal, why = path.length, ("", "")
@@ -177,19 +199,19 @@ class ToolFollower:
                 if excess is not None and _still_beyond(excess, slowing / tried):
                     continue
                 reference = Reference.start(line, bounds.scaled(slowing), goal)
-                rollout = self.retimed(path, reference, 0.0, start)
-                tried, excess = slowing, rollout.excess
-                if rollout.good:
-                    planned = replace(rollout, problem=why[0], detail=why[1], slowing=slowing)
+                timed = self.retimed(path, reference, 0.0, start)
+                tried, excess = slowing, timed.excess
+                if timed.good:
+                    planned = replace(timed, problem=why[0], detail=why[1], slowing=slowing)
                     return reference, planned
-            why = (self._tight(rollout), rollout.detail)
-            goal = min(goal, rollout.travel) - _STEP_BACK
+            why = (self._tight(timed), timed.detail)
+            goal = min(goal, timed.travel) - _STEP_BACK
         why = why if why[0] else ("singularity", "")
-        return Reference.start(line, bounds), Rollout(None, 0.0, *why)
+        return Reference.start(line, bounds), TimedTrajectory(None, 0.0, *why)
 
     def retimed(
         self, path: ToolPath, reference: Reference, now: float, start: JointState
-    ) -> Rollout:
+    ) -> TimedTrajectory:
         """A solved path under the timing of a reference without any offset.
 
         Args:
@@ -204,9 +226,9 @@ class ToolFollower:
         violation = fine_violation(self._limits, trajectory, start, -_RESERVE)
         if violation is None:
             travel = float(reference.travel(reference.along_end).position[0])
-            return Rollout(trajectory, travel, path=path)
+            return TimedTrajectory(trajectory, travel, path=path)
         travel = float(reference.travel(now + violation.time).position[0])
-        return Rollout(trajectory, travel, detail=str(violation), excess=violation)
+        return TimedTrajectory(trajectory, travel, detail=str(violation), excess=violation)
 
     def brake(
         self,
@@ -226,30 +248,30 @@ class ToolFollower:
         slowest = replace(reference)
         for hardness in _BRAKINGS:
             slowest = replace(reference)
-            slowest.halt(now, Bounds(0.1, hardness, 40.0 * hardness))
+            slowest.halt(now, Bounds(_BRAKING_SPEED, hardness, _JERK_PER_BRAKING * hardness))
             if path is None:
                 slowest.shift(now, slowest.offset_state(now).position)
-                rollout = self.rollout(slowest, now, start)
+                timed = self.follow(slowest, now, start)
             elif slowest.travel(slowest.along_end).position[0] <= path.length:
-                rollout = self.retimed(path, slowest, now, start)
+                timed = self.retimed(path, slowest, now, start)
             else:
                 continue
-            if rollout.good and rollout.trajectory is not None:
-                return slowest, rollout.trajectory
+            if timed.good and timed.trajectory is not None:
+                return slowest, timed.trajectory
         # Off the line, but to rest within the limits, which comes first.
         return slowest, joint_stop(self._kinematics.joint_names, start, self._limits)
 
-    def offset_bounds(self, rollout: Rollout, direction: Array) -> Bounds:
+    def offset_bounds(self, timed: TimedTrajectory, direction: Array) -> Bounds:
         """How hard the tool may be moved sideways anywhere on the way, by the joints' limits.
 
         Args:
-            rollout: A planned motion.
+            timed: A planned motion.
             direction: (3,) its unit direction.
         """
-        if rollout.trajectory is None:
+        if timed.trajectory is None:
             return OFFSET_BOUNDS
-        count = len(rollout.trajectory.positions)
-        picked = rollout.trajectory.positions[:: max(1, count // 6)]
+        count = len(timed.trajectory.positions)
+        picked = timed.trajectory.positions[:: max(1, count // 6)]
         inverse = damped_inverse(task_jacobian(self._kinematics.tip(picked)), 0.01)[..., :3]
         sideways = inverse @ (np.eye(3) - np.outer(direction, direction))
         needed = np.linalg.norm(sideways, axis=-1).max(axis=0)
@@ -259,11 +281,11 @@ class ToolFollower:
             OFFSET_BOUNDS.speed, OFFSET_BOUNDS.acceleration * factor, OFFSET_BOUNDS.jerk * factor
         )
 
-    def _tight(self, rollout: Rollout) -> str:
-        """What makes the joints move too fast where a rollout breaks its limit worst."""
-        trajectory, excess = rollout.trajectory, rollout.excess
+    def _tight(self, timed: TimedTrajectory) -> str:
+        """What makes the joints move too fast where a timed breaks its limit worst."""
+        trajectory, excess = timed.trajectory, timed.excess
         if trajectory is None or excess is None:
-            return rollout.problem
+            return timed.problem
         index = int(np.searchsorted(trajectory.times, excess.time))
         return self._why(trajectory.positions[min(index, len(trajectory.times) - 1)])[0]
 

@@ -1,6 +1,6 @@
 """Straight tool motions with a sideways offset, and the joint trajectories that realise them.
 
-The reference is the sum of two jerk-limited motions, both ending at rest: along the direction,
+The reference is the sum of two jerk-limited motions, both termination at rest: along the direction,
 and an offset that admittance moves. Replacing either part therefore leaves position, velocity and
 acceleration of the whole continuous.
 """
@@ -13,9 +13,10 @@ from math import cos, sin
 
 import numpy as np
 
+from flowbothd_common.motion import JointState
 from flowbothd_common.transforms import angle_between, unit
 from flowbothd_common.types import Array
-from franka_suction_driver.arm.trajectory import JointState, Profile, brake, move_to
+from franka_suction_driver.arm.trajectory import Profile, brake, move_to
 
 
 @dataclass(frozen=True)
@@ -32,6 +33,8 @@ class Bounds:
 
 
 OFFSET_BOUNDS = Bounds(0.08, 0.4, 6.0)
+"""Bounds of the sideways offset: fast enough to follow a door's arc at the speed of a step, slow
+enough for force control at 60 Hz."""
 
 
 @dataclass(frozen=True)

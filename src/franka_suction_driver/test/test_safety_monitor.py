@@ -16,8 +16,8 @@ from flowbothd_common.motion import MotionGoal, MotionKind, MotionReason
 from franka_suction_driver.arm.kinematics import Kinematics
 from franka_suction_driver.arm.limits import JointLimits
 from franka_suction_driver.execution.audit import AuditLog
-from franka_suction_driver.execution.envelope import slowed, workspace
 from franka_suction_driver.execution.executor import MotionExecutor
+from franka_suction_driver.execution.safety_monitor import slowed, workspace
 from franka_suction_driver.params import MotionParams, SafetyParams
 from franka_suction_driver.planning.inverse_kinematics import solve
 

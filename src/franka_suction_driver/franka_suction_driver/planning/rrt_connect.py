@@ -16,6 +16,7 @@ from franka_suction_driver.arm.limits import PositionBox
 
 EdgeFree = Callable[[Array, Array], bool]
 _STEP = 0.5
+"""Longest edge of a tree [rad]."""
 
 
 @dataclass(frozen=True)

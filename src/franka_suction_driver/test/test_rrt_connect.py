@@ -7,7 +7,7 @@ import itertools
 import numpy as np
 
 from franka_suction_driver.arm.limits import PositionBox
-from franka_suction_driver.planning.path_search import find_path, shorten
+from franka_suction_driver.planning.rrt_connect import find_path, shorten
 
 BOX = PositionBox(np.array([-3.0, -3.0]), np.array([3.0, 3.0]))
 START, GOAL = np.array([-2.0, 0.0]), np.array([2.0, 0.0])

@@ -1,4 +1,4 @@
-"""Check that a trajectory continues the state that the arm is commanded to have."""
+"""Continuity of a new trajectory with the commanded state of the arm."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from flowbothd_common.types import Array
 
 
-def leap(
+def discontinuity(
     names: Sequence[str],
     start: tuple[Array, Array],
     first: tuple[Array, Array],
@@ -18,7 +18,7 @@ def leap(
     tolerance: float,
     acceleration: Array | float,
 ) -> str:
-    """Why a trajectory does not fit where the arm is, or nothing.
+    """Return why a trajectory does not continue the commanded state; empty if it does.
 
     A controller joins its commanded state to the first point whatever lies between. An arm that
     was held while the reference ran on would snap after it.

@@ -1,0 +1,1 @@
+"""Transitions of the policy: what each event changes and which commands it gives."""
