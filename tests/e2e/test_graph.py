@@ -6,6 +6,7 @@ import json
 import subprocess
 import sys
 import time
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -119,6 +120,20 @@ def test_the_recorded_demo_is_decided_the_same_way_again(demo_run, tmp_path, nod
     assert found["policy"]["compared"] == found["policy"]["equal"] > 5
     if "perception" in found:
         assert found["perception"]["equal"] > 50
+
+
+def test_the_example_reads_and_replays_the_recorded_demo(demo_run):
+    script = Path(__file__).resolve().parents[2] / "examples" / "replay_a_bag.py"
+    done = subprocess.run(
+        [sys.executable, str(script), str(demo_run[0] / "bag")],
+        capture_output=True,
+        text=True,
+        timeout=240,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert "/policy/decisions" in done.stdout and "approach reached" in done.stdout
+    assert "policy: " in done.stdout
 
 
 def test_outputs_whose_inputs_the_recorder_missed_are_left_out_by_name(demo_run):
