@@ -29,13 +29,13 @@ def main() -> int:
     record, contacts = arm_rollout(scene, seed=given.seed, predictor=predictor)
 
     for decision in record.decisions:
-        print(f"{decision['time']:6.2f} s  {decision['decision']:<18} {decision['reason']}")
+        print(f"{decision.time:6.2f} s  {decision.decision:<18} {decision.reason}")
     summary = record.summary()
-    print(f"{summary['outcome']}: {summary['reason']}")
-    print(f"open ratio {summary['open_ratio']:.2f} in {summary['sim_s']:.1f} s of simulated time")
+    print(f"{summary.outcome}: {summary.reason}")
+    print(f"open ratio {summary.open_ratio:.2f} in {summary.sim_s:.1f} s of simulated time")
     for pair, force in contacts.items():
         print(f"the arm touched: {pair}, up to {force} N")
-    return 0 if summary["success"] else 1
+    return 0 if summary.success else 1
 
 
 if __name__ == "__main__":

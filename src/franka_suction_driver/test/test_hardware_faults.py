@@ -170,17 +170,17 @@ def test_recover_leaves_a_moving_controller_behind_topics_alone(ros: Any, limits
 
     def follow() -> None:
         moving = backend.state() is not None
-        q = backend._commander.state(time.monotonic()).position if moving else start
+        q = backend._commanded.state(time.monotonic()).position if moving else start
         publisher.publish(JointState(name=names, position=q.tolist()))
 
     operator.create_timer(0.01, follow)
     ros.until(lambda: backend.state() is not None and not node._holding, "an arm that follows")
     ros.until(lambda: operator.trajectory.get_subscription_count() > 0, "the reader")
     operator.trajectory.publish(trajectory(start, 0.6, limits, node._names))
-    ros.until(lambda: float(backend._commander.state(time.monotonic()).velocity[0]) > 0.3, "motion")
+    ros.until(lambda: float(backend._commanded.state(time.monotonic()).velocity[0]) > 0.3, "motion")
     answer = ros.ask(operator.recover, Trigger.Request())
     assert (answer.success, answer.message) == (True, "nothing to recover from")
-    assert backend._commander.state(time.monotonic()).velocity.any()
+    assert backend._commanded.state(time.monotonic()).velocity.any()
     ros.until(lambda: np.allclose(operator.joints[-1], start + 0.6, atol=1e-3), "the end")
 
 

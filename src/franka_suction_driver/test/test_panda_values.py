@@ -104,7 +104,7 @@ def test_a_target_that_is_no_number_never_reaches_the_controller(
 ) -> None:
     """The trap: libfranka raises on it in the control thread, which ends the process."""
     nowhere = JointState(np.full(7, NAN), np.zeros(7), np.zeros(7))
-    monkeypatch.setattr(lab.arm._commander, "state", lambda _: nowhere)
+    monkeypatch.setattr(lab.arm._commanded, "state", lambda _: nowhere)
     where = lab.robot.q.copy()
     assert not lab.arm.feed()
     assert lab.robot.crash == ""
