@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import pytest
-from flowbothd_policy.policy_node_params import PolicyNodeParams
 
 from flowbothd_common.parameters import specifications
 from flowbothd_perception.params import PerceptionNodeParams
+from flowbothd_policy.params import PolicyNodeParams
 from flowbothd_rosbag.renamed import PARAMETERS, TYPES, VALUES
 from franka_suction_driver.backend_params import ArmNodeParams, PumpNodeParams
 from franka_suction_driver.params import MotionNodeParams
