@@ -305,7 +305,7 @@ def test_what_keeps_from_connecting_is_told_apart(fresh: Any) -> None:
     off = "Connection to FCI refused. Please install FCI feature or enable FCI mode in Desk."
     cases: dict[str, RuntimeError] = {
         "is on, but its FCI is off.*activate FCI in Desk": RuntimeError(f"libfranka: {off}"),
-        "build for libfranka 0.8.0": IncompatibleVersionError("server version 4", "0.8.0"),
+        "panda-python for libfranka 0.8.0": IncompatibleVersionError("server version 4", "0.8.0"),
         "cannot reach.*ping 172.16.0.2": RuntimeError("libfranka: Connection error: No route"),
     }
     for words, error in cases.items():
