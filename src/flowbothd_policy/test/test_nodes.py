@@ -237,7 +237,7 @@ def run_to_outcome(ros, door, **overrides):
 
     world = ros.add(fake_world(door))
     ros.add(OracleNode, predictor="ambiguous")
-    ros.add(PolicyNode, **{"seed": 3, "peers": [*world.beating, "oracle_node"], **overrides})
+    ros.add(PolicyNode, **{"seed": 3, "watch_nodes": [*world.beating, "oracle_node"], **overrides})
     return world
 
 

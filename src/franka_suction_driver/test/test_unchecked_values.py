@@ -22,8 +22,8 @@ PARAMETERS = {
     "safety__speed_scale": 1.0,
     "use_sim_time": True,
     # Two nodes and a planner share one process here.
-    "input_timeout": 0.5,
-    "clock_timeout": 0.5,
+    "input_timeout": 3.0,
+    "clock_timeout": 1.5,
     "stamp_tolerance": 10.0,
 }
 
