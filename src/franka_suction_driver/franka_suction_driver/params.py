@@ -246,8 +246,8 @@ class WrenchParams:
 
     sign: float = parameter(
         1.0,
-        "1.0: the wrench is what the environment exerts on the tool, in base axes, so that pressing "
-        "the cup upwards gives a positive z; -1.0: what the tool exerts, as franka_ros publishes it",
+        "1.0: the wrench is what the environment exerts on the tool, in base axes: pressing the "
+        "cup upwards gives a positive z. -1.0: what the tool exerts, as franka_ros publishes it",
         minimum=-1.0,
         maximum=1.0,
     )

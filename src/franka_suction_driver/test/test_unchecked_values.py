@@ -486,5 +486,5 @@ def test_the_wrench_of_a_driver_with_the_other_sign_is_turned(bench: Any) -> Non
 def test_a_sign_that_is_none_is_refused(bench: Any) -> None:
     from flowbothd_common.errors import ParameterError
 
-    with pytest.raises(ParameterError, match="wrench.sign"):
+    with pytest.raises(ParameterError, match=r"wrench\.sign"):
         bench(wrench__sign=0.5)
