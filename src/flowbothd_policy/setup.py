@@ -32,7 +32,7 @@ setup(
         "ros-std-srvs~=5.3",
         "numpy>=1.26",
     ],
-    extras_require={"test": ["pytest"]},
+    extras_require={"test": ["pytest", "sim_bridge==" + VERSION]},
     entry_points={
         "console_scripts": [
             "policy_node = flowbothd_policy.policy_node:main",
