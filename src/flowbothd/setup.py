@@ -32,7 +32,7 @@ setup(
         "flowbothd_rosbag==" + VERSION,
         "franka_suction_driver==" + VERSION,
         "sim_bridge==" + VERSION,
-        "ros-builtin-interfaces~=2.0",
+        "ros-builtin-interfaces>=2.0,<3",
         "ros-geometry-msgs~=5.3",
         "ros-rclpy[fastrtps]~=7.1.6",
         "ros-sensor-msgs~=5.3",

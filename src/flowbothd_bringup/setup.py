@@ -35,5 +35,5 @@ setup(
         "honcho",
         "pyyaml",
     ],
-    extras_require={"test": ["numpy>=1.26", "psutil", "pytest", "ros-rcl-interfaces~=2.0"]},
+    extras_require={"test": ["numpy>=1.26", "psutil", "pytest", "ros-rcl-interfaces>=2.0,<3"]},
 )

@@ -23,10 +23,10 @@ setup(
     ],
     install_requires=[
         "flowbothd_interfaces==" + VERSION,
-        "ros-builtin-interfaces~=2.0",
+        "ros-builtin-interfaces>=2.0,<3",
         "ros-diagnostic-msgs~=5.3",
         "ros-geometry-msgs~=5.3",
-        "ros-rcl-interfaces~=2.0",
+        "ros-rcl-interfaces>=2.0,<3",
         "ros-rclpy[fastrtps]~=7.1.6",
         "ros-sensor-msgs~=5.3",
         "ros-std-msgs~=5.3",

@@ -23,7 +23,7 @@ setup(
     ],
     install_requires=[
         "flowbothd_common==" + VERSION,
-        "ros-builtin-interfaces~=2.0",
+        "ros-builtin-interfaces>=2.0,<3",
         "ros-rclpy[fastrtps]~=7.1.6",
         "ros-sensor-msgs~=5.3",
         "ros-std-msgs~=5.3",

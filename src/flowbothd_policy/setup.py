@@ -25,7 +25,7 @@ setup(
         "flowbothd_common==" + VERSION,
         "flowbothd_interfaces==" + VERSION,
         "flowbothd_model==" + VERSION,
-        "ros-builtin-interfaces~=2.0",
+        "ros-builtin-interfaces>=2.0,<3",
         "ros-rclpy[fastrtps]~=7.1.6",
         "ros-sensor-msgs~=5.3",
         "ros-std-msgs~=5.3",

@@ -24,9 +24,9 @@ setup(
     install_requires=[
         "flowbothd_common==" + VERSION,
         "flowbothd_interfaces==" + VERSION,
-        "ros-rcl-interfaces~=2.0",
+        "ros-rcl-interfaces>=2.0,<3",
         "ros-rclpy[fastrtps]~=7.1.6",
-        "ros-rosgraph-msgs~=2.0",
+        "ros-rosgraph-msgs>=2.0,<3",
         "ros-std-msgs~=5.3",
         "mcap",
         "pyyaml",

@@ -39,8 +39,8 @@ setup(
     ],
     extras_require={
         "test": [
-            "ros-rcl-interfaces~=2.0",
-            "ros-rosgraph-msgs~=2.0",
+            "ros-rcl-interfaces>=2.0,<3",
+            "ros-rosgraph-msgs>=2.0,<3",
             "sim_bridge",
             "pybullet",
             "pytest",

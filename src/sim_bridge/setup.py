@@ -26,7 +26,7 @@ setup(
         "flowbothd_interfaces==" + VERSION,
         "ros-geometry-msgs~=5.3",
         "ros-rclpy[fastrtps]~=7.1.6",
-        "ros-rosgraph-msgs~=2.0",
+        "ros-rosgraph-msgs>=2.0,<3",
         "ros-sensor-msgs~=5.3",
         "ros-std-msgs~=5.3",
         "ros-trajectory-msgs~=5.3",
