@@ -83,7 +83,8 @@ class MotionNode(Node):
     def _on_timer(self) -> None:
         stale = self._inputs.stale(guarded=False)
         latched = self._core.latched and f"stopped until motion/clear_stop: {self._core.latched}"
-        trouble = stale or latched
+        stuck = self._heartbeat.silent and "cannot brake after an error, see the log: restart it"
+        trouble = stuck or stale or latched
         level = ERROR if trouble else OK
         self._status.report(level, trouble or "ready to move", {"moving": self._runner.busy})
         self._runner.tick()
@@ -96,7 +97,7 @@ class MotionNode(Node):
         try:
             self._runner.drop(why)
         except Exception:
-            self._heartbeat.pause()
+            self._heartbeat.silence()
             raise
 
 

@@ -488,3 +488,19 @@ def test_a_sign_that_is_none_is_refused(bench: Any) -> None:
 
     with pytest.raises(ParameterError, match=r"wrench\.sign"):
         bench(wrench__sign=0.5)
+
+
+def test_an_arm_that_cannot_be_braked_is_left_to_its_driver_and_said_so(bench: Any) -> None:
+    """The incident: the heartbeat stopped for good while diagnostics went on as "ready to move"."""
+    rig = bench()
+
+    def broken(*_: Any) -> None:
+        raise ZeroDivisionError("broken brake")
+
+    rig.node._core.drop = broken
+    rig.node._guard.fail("motion", RuntimeError("broken motion"))
+    assert rig.node._heartbeat.silent
+    rig.node._on_timer()
+    level, message = rig.node._status._said
+    assert level == b"\x02"
+    assert "cannot brake" in message

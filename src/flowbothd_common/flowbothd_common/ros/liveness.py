@@ -65,7 +65,6 @@ class MotionHeartbeat:
         self._node = node
         self._publisher = node.create_publisher(Header, "motion/heartbeat", qos.HEARTBEAT)
         self._period = period
-        self._paused = False
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="motion_heartbeat", daemon=True)
         self._thread.start()
@@ -75,18 +74,18 @@ class MotionHeartbeat:
         self._stop.set()
         self._thread.join(timeout=2.0)
 
-    def pause(self) -> None:
-        """Stop beating until `resume`: the arm's driver then holds the arm."""
-        self._paused = True
+    @property
+    def silent(self) -> bool:
+        """Whether it beats no more, so that the arm's driver holds the arm."""
+        return self._stop.is_set()
 
-    def resume(self) -> None:
-        """Beat again."""
-        self._paused = False
+    def silence(self) -> None:
+        """Stop beating for good, without waiting for the thread."""
+        self._stop.set()
 
     def _run(self) -> None:
         while not self._stop.wait(self._period) and self._node.context.ok():
-            if not self._paused:
-                self._publisher.publish(Header(stamp=self._node.get_clock().now().to_msg()))
+            self._publisher.publish(Header(stamp=self._node.get_clock().now().to_msg()))
 
 
 @dataclass
